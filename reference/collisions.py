@@ -1,0 +1,231 @@
+"""The contacts of one instant: who overlaps and approaches, the impulse that each gives, and its ledger row.
+
+Impulses of simultaneous contacts are added.  The equations are those of `contact.py`, `drag.py` and
+`removal.py`; positions and velocities are only read: moving is `timestep.py`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from reference import ledger as col
+from reference.compiled import formula, kernel
+from reference.contact import (
+    compression_impulse,
+    effective_modulus,
+    friction_impulse_per_slip,
+    impact_duration,
+    mean_load,
+    pair_normal_impulse,
+    surface_normal_impulse,
+)
+from reference.drag import drag_factor, fluid_velocity
+from reference.heightfield import lower_node, remove_volume, surface_contact
+from reference.neighbors import minimum_image
+from reference.removal import cap
+from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, FLOW_NONE
+
+
+@formula
+def duration_of(model, mass, radius, modulus, speed):
+    """The model's delta t: the case's constant, or Hertz's."""
+    if model.impact_duration > 0.0:
+        return model.impact_duration
+    return impact_duration(mass, radius, modulus, speed)
+
+
+@formula
+def drag_on(model, pad_height, z, vx, vy, vz, diameter):
+    """External force E on a particle: the drag (Eqs 20-22), three components in N."""
+    if model.flow == FLOW_NONE:
+        return 0.0, 0.0, 0.0
+    ux, uy, uz = fluid_velocity(model, pad_height, z)
+    wx, wy, wz = ux - vx, uy - vy, uz - vz
+    k = drag_factor(math.sqrt(wx * wx + wy * wy + wz * wz), diameter, model.fluid_density, model.viscosity)
+    return k * wx, k * wy, k * wz
+
+
+@kernel
+def collide_pairs(model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, impulse, rows, row):
+    """Add the impulses of all colliding pairs to `impulse` (N, 3); return the next free ledger row.
+
+    Paper: Eqs. (9), (12)-(19); contact where |r_ij| < (d_i + d_j)/2 and v_in > v_jn.
+    """
+    for pair in range(pairs.shape[0]):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        dx = minimum_image(position[j, 0] - position[i, 0], model.length_x)
+        dy = minimum_image(position[j, 1] - position[i, 1], model.length_y)
+        dz = minimum_image(position[j, 2] - position[i, 2], model.length_z)
+        square = dx * dx + dy * dy + dz * dz
+        reach = 0.5 * (diameter[i] + diameter[j])
+        if square >= reach * reach or square == 0.0:
+            continue
+        distance = math.sqrt(square)
+        nx, ny, nz = dx / distance, dy / distance, dz / distance
+        vx = velocity[j, 0] - velocity[i, 0]
+        vy = velocity[j, 1] - velocity[i, 1]
+        vz = velocity[j, 2] - velocity[i, 2]
+        separation = vx * nx + vy * ny + vz * nz
+        if separation >= 0.0:
+            continue
+        m_i, m_j = mass[i], mass[j]
+        m_eff = m_i * m_j / (m_i + m_j)
+        r_eff = 0.5 * diameter[i] * diameter[j] / (diameter[i] + diameter[j])
+        delta_t = duration_of(model, m_eff, r_eff, effective_modulus(modulus[i], modulus[j]), -separation)
+        eix, eiy, eiz = drag_on(
+            model, pad_height, position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2], diameter[i]
+        )
+        ejx, ejy, ejz = drag_on(
+            model, pad_height, position[j, 2], velocity[j, 0], velocity[j, 1], velocity[j, 2], diameter[j]
+        )
+        e_in, e_jn = eix * nx + eiy * ny + eiz * nz, ejx * nx + ejy * ny + ejz * nz
+        normal = pair_normal_impulse(
+            m_i, m_j, -separation, 0.0, model.restitution,
+            compression_impulse(e_in, delta_t, dt, model.restitution),
+            compression_impulse(e_jn, delta_t, dt, model.restitution),
+        )  # fmt: skip
+        sx, sy, sz = vx - separation * nx, vy - separation * ny, vz - separation * nz  # Eq 13
+        within = min(delta_t, dt)
+        wx = sx - ((eix - e_in * nx) / m_i - (ejx - e_jn * nx) / m_j) * within
+        wy = sy - ((eiy - e_in * ny) / m_i - (ejy - e_jn * ny) / m_j) * within
+        wz = sz - ((eiz - e_in * nz) / m_i - (ejz - e_jn * nz) / m_j) * within
+        slip = math.sqrt(wx * wx + wy * wy + wz * wz)
+        factor = friction_impulse_per_slip(
+            m_i, m_j, slip, normal, model.static_friction, model.dynamic_friction
+        )
+        fx, fy, fz = factor * wx, factor * wy, factor * wz
+        px, py, pz = fx - normal * nx, fy - normal * ny, fz - normal * nz  # Eq 19, on i
+        impulse[i, 0] += px
+        impulse[i, 1] += py
+        impulse[i, 2] += pz
+        impulse[j, 0] -= px
+        impulse[j, 1] -= py
+        impulse[j, 2] -= pz
+        friction = factor * slip
+        lost = (fx * sx + fy * sy + fz * sz) - normal * separation
+        lost -= (normal * normal + friction * friction) / (2.0 * m_eff)
+        out = rows[row]
+        out[:] = 0.0
+        out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAIR, i, j
+        out[col.X] = position[i, 0] + 0.5 * diameter[i] * nx
+        out[col.Y] = position[i, 1] + 0.5 * diameter[i] * ny
+        out[col.Z] = position[i, 2] + 0.5 * diameter[i] * nz
+        out[col.NX], out[col.NY], out[col.NZ] = nx, ny, nz
+        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE], out[col.FRICTION_IMPULSE] = -separation, normal, friction
+        out[col.DURATION], out[col.LOAD] = delta_t, normal / delta_t
+        out[col.EXTERNAL_FORCE] = e_in / m_i - e_jn / m_j
+        out[col.CONTACT_TIME], out[col.ENERGY_LOST] = within, lost
+        row += 1
+    return row
+
+
+@kernel
+def record_surface_impact(model, pad_height, time, i, hit, position, velocity, mass, diameter, modulus, out):
+    """Fill ledger row `out` with all of an impact but its impulse: approach, load, and what it removes.
+
+    Paper: Eqs. (30), (34)-(36).  `hit` is (nx, ny, nz, qx, qy, qz).  Every engine calls this once for each
+    impact, at its first step of overlap and approach.
+    """
+    nx, ny, nz, qx, qy, qz = hit
+    v_n = velocity[0] * nx + velocity[1] * ny + velocity[2] * nz
+    ex, ey, ez = drag_on(model, pad_height, position[2], velocity[0], velocity[1], velocity[2], diameter)
+    e_n = ex * nx + ey * ny + ez * nz
+    radius = 0.5 * diameter
+    delta_t = duration_of(model, mass, radius, effective_modulus(modulus, model.surface_modulus), -v_n)
+    load = mean_load(mass, v_n, model.restitution, e_n, delta_t)
+    out[:] = 0.0
+    out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_SURFACE, i, -1
+    out[col.X], out[col.Y], out[col.Z] = qx, qy, qz
+    out[col.NX], out[col.NY], out[col.NZ] = nx, ny, nz
+    out[col.APPROACH_SPEED], out[col.DURATION], out[col.LOAD] = -v_n, delta_t, load
+    out[col.EXTERNAL_FORCE] = e_n
+    if model.deposit != DEPOSIT_NONE and -v_n >= model.threshold_velocity:
+        x_p, depth, volume = cap(load, radius, model.poisson_ratio, model.yield_stress)
+        out[col.YIELD_RADIUS], out[col.DEPTH] = x_p, depth
+        out[col.REMOVED_VOLUME], out[col.REMOVED_MASS] = volume, volume * model.surface_density
+
+
+@kernel
+def collide_surface(model, dt, time, pad_height, position, velocity, mass, diameter, modulus, heights, highest, impulse, picked_up, rows, row):
+    """Add the impulses of the surface to `impulse`, and the mass picked up to `picked_up` (N,).
+
+    Paper: Eqs. (29)-(31); contact where the surface is nearer than R or the centre below it, and v.n < 0.
+    The material itself is taken off by `commit_removal`, once the step is accepted.
+    """
+    for i in range(position.shape[0]):
+        radius = 0.5 * diameter[i]
+        if position[i, 2] - radius >= highest:
+            continue
+        found, _, nx, ny, nz, qx, qy, qz, _ = surface_contact(
+            heights, model.spacing, position[i, 0], position[i, 1], position[i, 2], radius
+        )
+        v_n = velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz
+        if not found or v_n >= 0.0:
+            continue
+        out = rows[row]
+        record_surface_impact(
+            model, pad_height, time, i, (nx, ny, nz, qx, qy, qz),
+            position[i], velocity[i], mass[i], diameter[i], modulus[i], out,
+        )  # fmt: skip
+        ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
+        normal = surface_normal_impulse(mass[i], v_n, model.restitution, ext)
+        gained = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
+        impulse[i, 0] += normal * nx
+        impulse[i, 1] += normal * ny
+        impulse[i, 2] += normal * nz
+        picked_up[i] += gained
+        out[col.NORMAL_IMPULSE], out[col.CONTACT_TIME] = normal, min(out[col.DURATION], dt)
+        out[col.ENERGY_LOST] = impact_energy_lost(mass[i], gained, velocity[i], v_n, normal)
+        row += 1
+    return row
+
+
+@formula
+def impact_energy_lost(mass, gained, velocity, v_n, normal_impulse):
+    """Kinetic energy lost by a particle that receives J along n and picks up mass at rest, in J."""
+    square = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
+    after = mass * mass * square + 2.0 * mass * v_n * normal_impulse + normal_impulse**2
+    return 0.5 * mass * square - after / (2.0 * (mass + gained))
+
+
+@kernel
+def collide_pad(model, time, pad_height, position, velocity, mass, diameter, impulse, rows, row):
+    """Add the impulses of the descending pad, a frictionless plane at `pad_height`, to `impulse`.
+
+    Paper: Section 4 leaves the pad's contact open; here J = (1+e_pad) m (v_z + V_z), downwards.
+    """
+    for i in range(position.shape[0]):
+        approach = velocity[i, 2] + model.pad_descent
+        if position[i, 2] + 0.5 * diameter[i] <= pad_height or approach <= 0.0:
+            continue
+        normal = surface_normal_impulse(mass[i], -approach, model.pad_restitution)
+        impulse[i, 2] -= normal
+        out = rows[row]
+        out[:] = 0.0
+        out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
+        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = position[i, 0], position[i, 1], pad_height, -1.0
+        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach, normal
+        out[col.ENERGY_LOST] = impact_energy_lost(mass[i], 0.0, velocity[i], -velocity[i, 2], normal)
+        row += 1
+    return row
+
+
+@formula
+def lower_surface(model, heights, x, y, depth, volume):
+    """Take the material of one impact off the surface by the case's deposit rule, times A."""
+    if model.deposit == DEPOSIT_NODE_DEPTH:
+        lower_node(heights, model.spacing, x, y, model.acceleration * depth)
+    else:
+        remove_volume(heights, model.spacing, x, y, model.acceleration * volume)
+
+
+@kernel
+def commit_removal(model, heights, rows, first, last):
+    """Lower the surface by the impacts of ledger rows first ... last - 1; return whether it changed."""
+    changed = False
+    for row in range(first, last):
+        out = rows[row]
+        if out[col.REMOVED_VOLUME] > 0.0:
+            lower_surface(model, heights, out[col.X], out[col.Y], out[col.DEPTH], out[col.REMOVED_VOLUME])
+            changed = True
+    return changed

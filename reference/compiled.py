@@ -1,0 +1,47 @@
+"""How the model's functions are compiled: `formula` for one equation, `kernel` for a loop.
+
+A `formula` is ordinary Python for its callers (arrays broadcast) and is compiled into the kernels that use
+it.  A `kernel` is compiled at its first call and kept on disk.  Numba does not notice when a function that
+a cached kernel calls has changed, so the cache folder is named after the digest of the sources.
+No physics here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+from numba.extending import register_jitable
+from platformdirs import user_cache_path
+
+
+def _source_digest() -> str:
+    """Digest of every module whose functions may be compiled into a cached kernel."""
+    packages = [Path(__file__).parent, Path(__file__).parent.parent / "cmpcheck" / "fixes"]
+    digest = hashlib.sha256()
+    for path in sorted(path for package in packages for path in package.glob("*.py")):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> str:
+    """A writable folder for compiled kernels: the user's cache, or a temporary one where there is none."""
+    folder = user_cache_path("cmpcheck") / f"numba-{_source_digest()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return str(folder)
+    except OSError:
+        pass
+    return tempfile.mkdtemp(prefix="cmpcheck-numba-")
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = _cache_folder()
+
+formula = register_jitable(error_model="numpy")
+kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
+broadcast = numba.vectorize(cache=True)

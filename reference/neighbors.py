@@ -1,0 +1,125 @@
+"""Who may touch whom: a periodic cell list, and pairs within a cutoff at a cost linear in N.
+
+Knows positions and periods only; which pairs overlap and approach is decided in `timestep.py`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from reference.compiled import formula, kernel
+
+
+@formula
+def minimum_image(distance, period):
+    """Component of a distance to the nearest periodic image; a period of 0 means not periodic."""
+    if period > 0.0:
+        return distance - period * math.floor(distance / period + 0.5)
+    return distance
+
+
+@kernel
+def _cell_index(position, low, cell, counts, out):
+    """Cell of a position along each axis, into out (3,)."""
+    for axis in range(3):
+        index = math.floor((position[axis] - low[axis]) / cell[axis])
+        out[axis] = min(max(index, 0), counts[axis] - 1)
+
+
+@kernel
+def _bin_particles(position, low, cell, counts):
+    """Counting sort into cells: (first (cells + 1,), order (N,)); cell c holds order[first[c]:first[c+1]]."""
+    n = position.shape[0]
+    home = np.empty(n, np.int64)
+    first = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
+    index = np.empty(3, np.int64)
+    for i in range(n):
+        _cell_index(position[i], low, cell, counts, index)
+        home[i] = (index[0] * counts[1] + index[1]) * counts[2] + index[2]
+        first[home[i] + 1] += 1
+    for c in range(first.size - 1):
+        first[c + 1] += first[c]
+    order = np.empty(n, np.int64)
+    filled = first[:-1].copy()
+    for i in range(n):
+        order[filled[home[i]]] = i
+        filled[home[i]] += 1
+    return first, order
+
+
+@kernel
+def _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs):
+    """Write each pair i < j within the cutoff to `pairs` while there is room; return how many there are."""
+    found = 0
+    index = np.empty(3, np.int64)
+    reach = np.empty(3, np.int64)
+    for axis in range(3):
+        reach[axis] = 0 if counts[axis] == 1 else 1
+    for i in range(position.shape[0]):
+        _cell_index(position[i], low, cell, counts, index)
+        for a in range(index[0] - reach[0], index[0] + reach[0] + 1):
+            if periods[0] == 0.0 and (a < 0 or a >= counts[0]):
+                continue
+            for b in range(index[1] - reach[1], index[1] + reach[1] + 1):
+                if periods[1] == 0.0 and (b < 0 or b >= counts[1]):
+                    continue
+                for c in range(index[2] - reach[2], index[2] + reach[2] + 1):
+                    if periods[2] == 0.0 and (c < 0 or c >= counts[2]):
+                        continue
+                    k = ((a % counts[0]) * counts[1] + b % counts[1]) * counts[2] + c % counts[2]
+                    for slot in range(first[k], first[k + 1]):
+                        j = order[slot]
+                        if j <= i:
+                            continue
+                        square = 0.0
+                        for axis in range(3):
+                            d = minimum_image(position[j, axis] - position[i, axis], periods[axis])
+                            square += d * d
+                        if square < cutoff * cutoff:
+                            if found < pairs.shape[0]:
+                                pairs[found, 0] = i
+                                pairs[found, 1] = j
+                            found += 1
+    return found
+
+
+@kernel
+def neighbor_pairs(position, cutoff, periods):
+    """All pairs i < j closer than `cutoff`, by minimum image, as an array (P, 2) of int64.
+
+    Parameters: position (N, 3) in m, wrapped where periodic; cutoff in m; periods (3,) in m, 0 where not
+    periodic.  An axis with fewer than three cells is searched whole.  The order depends on positions only.
+    """
+    n = position.shape[0]
+    low, cell, counts = np.zeros(3), np.ones(3), np.ones(3, np.int64)
+    most = max(1, int(math.ceil(n ** (1.0 / 3.0))) * 2)  # cells per axis: bounded memory for sparse systems
+    for axis in range(3):
+        extent = periods[axis]
+        if extent == 0.0 and n > 0:
+            low[axis] = position[:, axis].min()
+            extent = position[:, axis].max() - low[axis]
+        cells = min(math.floor(extent / cutoff), most) if cutoff > 0.0 else 1
+        counts[axis] = cells if cells >= 3 else 1
+        cell[axis] = extent / counts[axis] if extent > 0.0 else 1.0
+    first, order = _bin_particles(position, low, cell, counts)
+    pairs = np.empty((8 * n + 16, 2), np.int64)
+    found = _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs)
+    if found > pairs.shape[0]:
+        pairs = np.empty((found, 2), np.int64)
+        _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs)
+    return pairs[:found]
+
+
+@kernel
+def has_moved(position, listed_position, limit, periods):
+    """Whether any particle is further than `limit` from where it was when the pairs were listed."""
+    for i in range(position.shape[0]):
+        square = 0.0
+        for axis in range(3):
+            d = minimum_image(position[i, axis] - listed_position[i, axis], periods[axis])
+            square += d * d
+        if square > limit * limit:
+            return True
+    return False
