@@ -28,6 +28,7 @@ from reference.state import (
     Setup,
     State,
 )
+from reference.toml_source import MISSING
 
 STREAMS = ("surface", "diameters", "positions", "velocities", "jitter")
 PAD_DESCENT = 0.7  # part of the duration in which the pad reaches its lowest height
@@ -168,11 +169,11 @@ def _place(case: Case, model: Model, diameter, heights, pad_height, streams) -> 
         high = pad_height - radius if model.has_pad else np.full_like(radius, model.length_z or math.inf)
         high = np.minimum(high, case.particles.z_max) if case.particles.z_max is not None else high
         if not np.isfinite(high).all():
-            raise _error(case, "particles.z_max", None, "required where neither a pad nor a period bounds z")
+            raise case.error("particles.z_max", MISSING, "required where neither a pad nor a period bounds z")
         try:
             return pack(diameter, periods, low, high, heights, model.spacing, streams["positions"])
         except PackingError as problem:
-            raise _error(case, "particles.count", case.particles.count, str(problem)) from None
+            raise case.error("particles.count", case.particles.count, str(problem)) from None
     position = np.array([p.position for p in case.particle], dtype=float)
     jitter = np.array([p.position_jitter for p in case.particle])[:, np.newaxis]
     position[:, :2] += jitter * (2.0 * streams["jitter"].random((len(case.particle), 2)) - 1.0)
@@ -185,17 +186,13 @@ def _check_places(case: Case, model: Model, position, radius, heights, periods) 
     """Refuse explicit particles that lie in the true surface or, jittered, in each other."""
     for k, (x, y, z) in enumerate(position if model.has_surface else ()):
         if surface_contact(heights, model.spacing, x, y, z, radius[k] * (1.0 - 1e-12))[0]:
-            raise _error(case, f"particle.{k}.position", [x, y, z], "below or in the surface; allowed: above it")
+            raise case.error(f"particle.{k}.position", [x, y, z], "below or in the surface; allowed: above it")
     pairs = neighbor_pairs(position, 2.0 * radius.max() * (1.0 - 1e-12), periods)
     for i, j in pairs:
         apart = position[j] - position[i]
         apart -= np.where(periods > 0, periods, 0.0) * np.round(apart / np.where(periods > 0, periods, np.inf))
         if np.linalg.norm(apart) < (radius[i] + radius[j]) * (1.0 - 1e-12):
-            raise _error(case, f"particle.{j}.position", list(position[j]), f"overlaps particle {i}; allowed: apart")
-
-
-def _error(case: Case, key: str, value, allowed: str) -> CaseError:
-    return case._source.error(tuple(int(k) if k.isdigit() else k for k in key.split(".")), value, allowed)
+            raise case.error(f"particle.{j}.position", list(position[j]), f"overlaps particle {i}; allowed: apart")
 
 
 def _velocities(case: Case, model: Model, position, pad_height, rng) -> np.ndarray:

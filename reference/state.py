@@ -7,9 +7,12 @@ puts both together with the times to be recorded.  Building them from a case is 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from reference.case import Case
 
 FLOW_NONE, FLOW_UNIFORM, FLOW_COUETTE = 0, 1, 2
 DEPOSIT_NONE, DEPOSIT_VOLUME, DEPOSIT_NODE_DEPTH = 0, 1, 2
@@ -67,7 +70,7 @@ class State:
 class Setup:
     """Everything an engine needs to run one variant of a case."""
 
-    case: object  # reference.case.Case of this variant (variants already applied)
+    case: Case  # of this variant
     model: Model
     state: State  # initial; engines copy it
     time_step: float  # largest step, s

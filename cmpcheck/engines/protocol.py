@@ -1,0 +1,38 @@
+"""What an engine is to the suite: something that turns a setup into a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from cmpcheck.results import EngineInfo
+from reference.recording import Run
+from reference.state import Setup
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely an engine resolves one run."""
+
+    time_step: float  # s
+    contact_duration: float = 0.0  # t_c of soft contacts, s; the reference has none
+    form: str = "native"  # of surface contacts in the Python fix: soft | impulse; native: no fix
+
+    @property
+    def steps_per_contact(self) -> float:
+        """Steps that resolve one soft contact."""
+        return self.contact_duration / self.time_step
+
+
+class Engine(Protocol):
+    """A code that simulates setups."""
+
+    name: str
+
+    def info(self) -> EngineInfo:
+        """Whether the engine is there, and which version."""
+        ...
+
+    def run(self, setup: Setup, resolution: Resolution) -> Run:
+        """Simulate a setup.  Raises EngineError (a RuntimeError) when the engine fails."""
+        ...

@@ -1,0 +1,87 @@
+"""Particles dragged by a known flow, far from each other and from walls: Eqs 20-22 and 37-39."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmpcheck.judges.protocol import Measured
+from cmpcheck.phases import unwrapped
+from cmpcheck.results import Trace
+from reference import exact
+from reference.recording import Run
+from reference.state import FLOW_COUETTE, Setup
+
+
+class DragJudge:
+    """Judges relaxation to a uniform or a shear flow by its closed form, or by an ODE solved to 1e-12."""
+
+    copies = 1
+    has_surface_contact = False
+    refines_contact = False
+
+    def __init__(self, setup: Setup):
+        self.setup = setup
+        self.cached: dict[bytes, list[exact.DragMotion]] = {}
+
+    def motions(self, times: np.ndarray) -> list[exact.DragMotion]:
+        """Exact motion of each particle at given times."""
+        key = times.tobytes()
+        if key not in self.cached:
+            self.cached[key] = [self._motion(k, times) for k in range(len(self.setup.state.mass))]
+        return self.cached[key]
+
+    def _motion(self, k: int, times: np.ndarray) -> exact.DragMotion:
+        model, state = self.setup.model, self.setup.state
+        start, velocity = state.position[k], state.velocity[k]
+        mass, diameter = float(state.mass[k]), float(state.diameter[k])
+        if model.flow == FLOW_COUETTE:
+            tau = exact.stokes_time(mass, diameter, model.viscosity)
+            return exact.couette_motion(times, start, velocity, model.wall_speed, model.gap, tau)
+        flow = (model.flow_x, model.flow_y, model.flow_z)
+        return exact.drag_motion(
+            times, start, velocity, flow, mass, diameter, model.fluid_density, model.viscosity
+        )
+
+    def measure(self, setup: Setup, run: Run) -> list[Measured]:
+        """Of each particle, velocities halfway and at the end, and its largest distance from the exact path."""
+        measured = []
+        positions, half = unwrapped(run, setup), len(run.times) // 2
+        shear = self.setup.model.flow == FLOW_COUETTE
+        equations = "20-22, 37-39"
+        for k, motion in enumerate(self.motions(run.times)):
+            name = f"particle {k}" if len(self.setup.state.mass) > 1 else ""
+            change = float(np.linalg.norm(motion.velocities - motion.velocities[0], axis=1).max())
+            if shear:
+                change = float(np.linalg.norm(motion.velocities, axis=1).max())
+            for axis, component in enumerate("xyz"):
+                if np.ptp(motion.velocities[:, axis]) == 0.0:
+                    continue
+                for frame, when in ((half, "halfway"), (len(run.times) - 1, "end")):
+                    place = f"{name}, {when}" if name else when
+                    value, expected = run.velocities[frame, k, axis], motion.velocities[frame, axis]
+                    measured.append(
+                        Measured(
+                            f"velocity_{component}", place, equations, "m/s", np.array([value]), float(expected), change
+                        )
+                    )
+            distance = np.linalg.norm(positions[:, k] - motion.positions, axis=1).max()
+            path = float(np.linalg.norm(motion.positions - motion.positions[0], axis=1).max())
+            measured.append(Measured("trajectory_distance", name, equations, "m", np.array([distance]), 0.0, path))
+        return measured
+
+    def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
+        """Speed of each particle relative to its start (shear: velocity along the flow)."""
+        case, times = setup.case, tuple(run.times)
+        shear = self.setup.model.flow == FLOW_COUETTE
+        traces = []
+        motions = self.motions(run.times) if engine == "exact" else []
+        for k in range(len(self.setup.state.mass)):
+            velocities = motions[k].velocities if engine == "exact" else run.velocities[:, k]
+            if shear:
+                values, label = velocities[:, 0], f"velocity along the flow, particle {k}"
+            else:
+                model = setup.model
+                flow = np.array([model.flow_x, model.flow_y, model.flow_z])
+                values, label = np.linalg.norm(velocities - flow, axis=1), f"slip speed, particle {k}"
+            traces.append(Trace(case.name, case.variant, engine, label, "m/s", times, tuple(values)))
+        return traces

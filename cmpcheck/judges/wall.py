@@ -1,0 +1,178 @@
+"""One particle that strikes the surface in free flight: Eqs 23-36 without external forces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cmpcheck import quantities as q
+from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Measured
+from cmpcheck.phases import split, surfaces, unwrapped
+from cmpcheck.results import Trace
+from reference import exact
+from reference.contact import effective_modulus
+from reference.heightfield import Heightfield
+from reference.recording import Run
+from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, Setup
+
+
+class Flight(NamedTuple):
+    """Free flight of one particle with the impacts that it has before the end."""
+
+    times: list[float]  # of the impacts, s
+    points: list[np.ndarray]  # centres at the impacts, m
+    velocities: list[np.ndarray]  # before the first, and after each impact, m/s
+    hits: list[exact.WallImpact]
+    normals: list[np.ndarray]
+
+    def position(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Centres (T, 3) at given times, m."""
+        knots = np.array([0.0, *self.times])
+        centres = np.array([start, *self.points])
+        leg = np.searchsorted(knots, times, side="right") - 1
+        return centres[leg] + np.array(self.velocities)[leg] * (times - knots[leg])[:, np.newaxis]
+
+
+def wall_of(setup: Setup) -> exact.Wall:
+    """The surface as the closed forms know it."""
+    model = setup.model
+    removes = model.deposit != DEPOSIT_NONE
+    return exact.Wall(
+        model.restitution,
+        float(effective_modulus(setup.state.modulus[0], model.surface_modulus)),
+        model.poisson_ratio,
+        model.yield_stress,
+        model.surface_density,
+        model.impact_duration,
+        model.threshold_velocity if removes else np.inf,
+        model.mass_pickup,
+    )
+
+
+def fly(setup: Setup, surface: Heightfield, position: np.ndarray) -> Flight:
+    """Exact flight of particle 0 from `position` until the end, lowering a copy of the surface as it goes."""
+    model, wall = setup.model, wall_of(setup)
+    surface = Heightfield(surface.z, surface.spacing)
+    radius, mass = float(setup.state.diameter[0]) / 2, float(setup.state.mass[0])
+    flight = Flight([], [], [setup.state.velocity[0]], [], [])
+    clock, centre, velocity = 0.0, np.array(position), setup.state.velocity[0]
+    while velocity[2] < 0.0:
+        touch = exact.meet_heightfield(surface.z, surface.spacing, centre, velocity, radius)
+        clock += touch.time
+        if not clock < setup.end_time:
+            break
+        hit = exact.removing_impact(mass, radius, velocity, touch.normal, wall)
+        lower = surface.lower_node if model.deposit == DEPOSIT_NODE_DEPTH else surface.remove_volume
+        amount = hit.removal.depth if model.deposit == DEPOSIT_NODE_DEPTH else hit.removal.volume
+        lower(touch.point[0], touch.point[1], model.acceleration * amount)
+        centre, velocity, mass = touch.centre, hit.velocity, hit.mass
+        flight.times.append(clock)
+        flight.points.append(centre)
+        flight.velocities.append(velocity)
+        flight.hits.append(hit)
+        flight.normals.append(touch.normal)
+    return flight
+
+
+class WallJudge:
+    """Judges impacts on a flat wall or on asperities by momentum balance, geometry and quadrature."""
+
+    copies = 16
+    has_surface_contact = True
+    refines_contact = True
+
+    def __init__(self, setup: Setup):
+        self.setup = setup
+        self.surface = Heightfield(setup.state.heights, setup.model.spacing)
+        self.exact = fly(setup, self.surface, setup.state.position[0])
+
+    def measure(self, setup: Setup, run: Run) -> list[Measured]:
+        """Per impact its impulse, load and removal; velocity, mass, energy and balances at the end."""
+        copies, start = setup.copies, self.setup.state
+        hits = self.exact.hits
+        contacts = q.contacts_by_copy(run, setup, "surface")
+        counts = np.array([len(rows) for rows in contacts], float)
+        measured = [Measured("impacts", "", "29", "1", counts, float(len(hits)), 1.0, rounding=0.5)]
+        if (counts != len(hits)).any():
+            return measured
+        speed = float(np.linalg.norm(start.velocity[0]))
+
+        def add(quantity, place, equations, unit, values, expected, scale, **more):
+            values = np.asarray(values, float)
+            measured.append(Measured(quantity, place, equations, unit, values, float(expected), float(scale), **more))
+
+        before = start.velocity[0]
+        for k, (hit, rows) in enumerate(zip(hits, q.contact_columns(contacts, len(hits)), strict=True)):
+            place = f"impact {k + 1}" if len(hits) > 1 else ""
+            approach = -float(before @ self.exact.normals[k])
+            add("approach_speed", place, "29", "m/s", rows["approach_speed"], approach, speed)
+            add("normal_impulse", place, "29, 30", "N s", q.model_impulse(rows), hit.normal_impulse, hit.normal_impulse)
+            add("load", place, "30", "N", rows["load"], hit.load, hit.load, against_exact=True)
+            if hit.removal.volume > 0.0:
+                cut = hit.removal
+                add("yield_radius", place, "34", "m", rows["yield_radius"], cut.yield_radius, cut.yield_radius, against_exact=True)
+                add("indentation_depth", place, "35", "m", rows["depth"], cut.depth, cut.depth, against_exact=True)
+                volume, limit = rows["removed_volume"], REMOVED_VOLUME_LIMIT
+                add("removed_volume", place, "36", "m3", volume, cut.volume, cut.volume, limit=limit, against_exact=True)
+            before = hit.velocity
+        after = q.final_velocity(run, copies)[:, 0]
+        for axis, name in enumerate("xyz"):
+            add(f"velocity_{name}", "", "29, 31", "m/s", after[:, axis], hits[-1].velocity[axis], speed)
+        if len(hits) == 1:
+            normal, mass = self.exact.normals[0], run.masses[-1]
+            returned = mass * (after @ normal) / -(start.mass[0] * float(start.velocity[0] @ normal))
+            add("restitution", "", "28", "1", returned, self.setup.model.restitution, 1.0)
+        energy = 0.5 * float(start.mass[0]) * speed**2
+        lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
+        add("energy_lost", "", "29, 31", "J", lost, sum(hit.energy_lost for hit in hits), energy)
+        if self.setup.model.deposit != DEPOSIT_NONE:
+            self._add_balances(run, copies, add)
+        path = speed * self.setup.end_time
+        add("trajectory_distance", "", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
+        return measured
+
+    def _add_balances(self, run: Run, copies: int, add) -> None:
+        model, hits = self.setup.model, self.exact.hits
+        cut = sum(hit.removal.volume for hit in hits) * model.surface_density
+        limit = REMOVED_VOLUME_LIMIT
+        gained = q.mass_gained(run, copies)
+        expected = cut if model.mass_pickup else 0.0
+        add("removed_mass", "", "36", "kg", gained, expected, cut, limit=limit, against_exact=True)
+        if model.mass_pickup and model.deposit != DEPOSIT_NODE_DEPTH and model.acceleration == 1.0:
+            balance = gained - model.surface_density * q.volume_lost(run, copies)
+            rounding = model.surface_density * q.volume_rounding(run)
+            rounding += 2 * q.EPS * float(run.masses.max())  # of the difference of two masses
+            add("mass_balance", "", "36", "kg", balance, 0.0, cut, rounding=rounding)
+
+    def _flights(self, setup: Setup) -> list[tuple[np.ndarray, Flight]]:
+        heights = surfaces(Heightfield(setup.state.heights, setup.model.spacing), setup.copies)
+        shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
+        starts = split(setup.state.position, setup.copies)[:, 0]
+        return [
+            (start, fly(self.setup, surface, start - offset))
+            for start, surface, offset in zip(starts, heights, shift, strict=True)
+        ]
+
+    def _distance(self, setup: Setup, run: Run) -> np.ndarray:
+        """Distance (T, copies) from the exact path."""
+        shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
+        positions = unwrapped(run, setup) - shift
+        paths = [flight.position(start - shift[k], run.times) for k, (start, flight) in enumerate(self._flights(setup))]
+        return np.linalg.norm(positions - np.stack(paths, axis=1), axis=2)
+
+    def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
+        """Height of the centre, and the normal impulse of each impact."""
+        case, times = setup.case, tuple(run.times)
+        heights = unwrapped(run, setup)[:, 0, 2]
+        impacts = run.contacts[(run.contacts["i"] == 0) & (run.contacts["kind"] == "surface")]
+        when, impulse = impacts["time"], impacts["normal_impulse"]
+        if engine == "exact":
+            start, flight = self._flights(setup)[0]
+            heights = flight.position(start, run.times)[:, 2]
+            when, impulse = flight.times, [hit.normal_impulse for hit in flight.hits]
+        label = {"case": case.name, "variant": case.variant, "engine": engine}
+        return [
+            Trace(**label, label="height of the centre", unit="m", times=times, values=tuple(heights)),
+            Trace(**label, label="normal impulse", unit="N s", times=tuple(when), values=tuple(impulse), style="points"),
+        ]

@@ -1,0 +1,86 @@
+"""Observables of a run, by the same code for every engine.
+
+Each function takes a run of `copies` equal problems side by side and returns one value per copy.  What they
+have to be is the judges' business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from cmpcheck.phases import split, surfaces
+from reference.recording import Run
+from reference.state import Setup
+
+EPS = float(np.finfo(float).eps)
+
+
+def kinetic_energy(run: Run, frame: int, copies: int) -> np.ndarray:
+    """Kinetic energy of each copy at a recorded time, J."""
+    mass, velocity = split(run.masses[frame], copies), split(run.velocities[frame], copies)
+    return 0.5 * (mass * (velocity**2).sum(axis=2)).sum(axis=1)
+
+
+def momentum_change(run: Run, copies: int) -> np.ndarray:
+    """Magnitude of the change of total momentum over the run, N s."""
+    first, last = (
+        (split(run.masses[k], copies)[..., np.newaxis] * split(run.velocities[k], copies)).sum(axis=1) for k in (0, -1)
+    )
+    return np.linalg.norm(last - first, axis=1)
+
+
+def momentum_scale(run: Run, copies: int) -> float:
+    """Sum of m |v| at the start, the largest of the copies, N s."""
+    mass, velocity = split(run.masses[0], copies), split(run.velocities[0], copies)
+    return float((mass * np.linalg.norm(velocity, axis=2)).sum(axis=1).max())
+
+
+def final_velocity(run: Run, copies: int) -> np.ndarray:
+    """Velocities (copies, N, 3) at the end, m/s."""
+    return split(run.velocities[-1], copies)
+
+
+def mass_gained(run: Run, copies: int) -> np.ndarray:
+    """Mass picked up over the run, kg."""
+    return split(run.masses[-1] - run.masses[0], copies).sum(axis=1)
+
+
+def volume_lost(run: Run, copies: int) -> np.ndarray:
+    """Volume that the surface has lost over the run, m3."""
+    assert run.surface is not None and run.surface_initial is not None
+    pairs = zip(surfaces(run.surface_initial, copies), surfaces(run.surface, copies), strict=True)
+    return np.array([before.spacing**2 * float((before.z - after.z).sum()) for before, after in pairs])
+
+
+def volume_rounding(run: Run) -> float:
+    """Bound of the rounding error of `volume_lost`: half a unit of z at each of n lowerings and sums, m3."""
+    assert run.surface_initial is not None
+    z = run.surface_initial
+    return z.spacing**2 * EPS * (float(np.abs(z.z).max()) * 12 * (1 + len(run.contacts)))
+
+
+def contacts_by_copy(run: Run, setup: Setup, kind: str) -> list[pd.DataFrame]:
+    """The ledger's contacts of one kind, by copy, in order of time, with i and j counted within the copy."""
+    n = run.positions.shape[1] // setup.copies
+    rows = run.contacts[run.contacts["kind"] == kind].sort_values(["time", "i", "j"], kind="stable")
+    owner = rows["i"] // n
+    local = rows.assign(i=rows["i"] % n, j=np.where(rows["j"] < 0, -1, rows["j"] % n))
+    return [local[owner == copy] for copy in range(setup.copies)]
+
+
+def contact_columns(contacts: list[pd.DataFrame], count: int) -> Iterator[pd.DataFrame]:
+    """For each of the first `count` contacts, its row in every copy (all copies must have it)."""
+    for k in range(count):
+        yield pd.DataFrame([frame.iloc[k] for frame in contacts])
+
+
+def model_impulse(rows: pd.DataFrame) -> np.ndarray:
+    """Normal impulse with the external force acting over the model's whole delta t, N s.
+
+    Eq 30's J contains -E_n delta t; an engine's contains it over the time that its contact lasts.
+    """
+    missing = rows["duration"].to_numpy(float) - rows["contact_time"].to_numpy(float)
+    return rows["normal_impulse"].to_numpy(float) - rows["external_force"].to_numpy(float) * missing

@@ -1,0 +1,96 @@
+"""Solutions known independently of the model: what the reference and every engine are judged by.
+
+Derived from conservation laws phase by phase, geometry, quadrature, root finding and ODE integration.
+Nothing here is imported from the model's files (contact, drag, removal, heightfield, timestep), and
+no comparison is made here.  SI floats throughout; vectors have shape (3,).
+"""
+
+from reference.exact.collision import (
+    NormalImpact,
+    PairCollision,
+    PairTrajectory,
+    Sphere,
+    SphereTouch,
+    first_touch,
+    normal_impact,
+    pair_collision,
+    pair_trajectory,
+)
+from reference.exact.flow import (
+    DragMotion,
+    couette_motion,
+    drag_coefficient,
+    drag_motion,
+    fixed_point_ratio,
+    implicit_euler_speed,
+    stokes_motion,
+    stokes_time,
+    terminal_slips,
+)
+from reference.exact.indent import (
+    Removal,
+    cap_depth,
+    cap_volume,
+    point_load_stress,
+    removal,
+    tensor_von_mises,
+    yield_radius,
+)
+from reference.exact.touch import (
+    SurfaceTouch,
+    broken_line,
+    drop_onto_heightfield,
+    meet_heightfield,
+    meet_plane,
+)
+from reference.exact.train import BounceTrain, arrival, bounce_train
+from reference.exact.wall import (
+    Wall,
+    WallImpact,
+    hertz_duration,
+    hertz_integral,
+    removing_impact,
+    wall_impact,
+)
+
+__all__ = [
+    "BounceTrain",
+    "DragMotion",
+    "NormalImpact",
+    "PairCollision",
+    "PairTrajectory",
+    "Removal",
+    "Sphere",
+    "SphereTouch",
+    "SurfaceTouch",
+    "Wall",
+    "WallImpact",
+    "arrival",
+    "bounce_train",
+    "broken_line",
+    "cap_depth",
+    "cap_volume",
+    "couette_motion",
+    "drag_coefficient",
+    "drag_motion",
+    "drop_onto_heightfield",
+    "first_touch",
+    "fixed_point_ratio",
+    "hertz_duration",
+    "hertz_integral",
+    "implicit_euler_speed",
+    "meet_heightfield",
+    "meet_plane",
+    "normal_impact",
+    "pair_collision",
+    "pair_trajectory",
+    "point_load_stress",
+    "removal",
+    "removing_impact",
+    "stokes_motion",
+    "stokes_time",
+    "tensor_von_mises",
+    "terminal_slips",
+    "wall_impact",
+    "yield_radius",
+]
