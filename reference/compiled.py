@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
 import numba
 from numba.extending import register_jitable
 from platformdirs import user_cache_path
+
+KEPT = 8  # caches of the latest versions of the sources
 
 
 def _source_digest() -> str:
@@ -32,7 +35,10 @@ def _cache_folder() -> str:
     folder = user_cache_path("cmpcheck") / f"numba-{_source_digest()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
         if os.access(folder, os.W_OK):
+            for old in sorted(folder.parent.glob("numba-*"), key=os.path.getmtime)[:-KEPT]:
+                shutil.rmtree(old, ignore_errors=True)
             return str(folder)
     except OSError:
         pass

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import metadata
 
+from cmpcheck import __version__
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.results import EngineInfo
 from reference.recording import Run
@@ -19,7 +19,7 @@ class ReferenceEngine:
 
     def info(self) -> EngineInfo:
         """Always available."""
-        return EngineInfo(self.name, metadata.version("cmpcheck"), True)
+        return EngineInfo(self.name, __version__, True)
 
     def run(self, setup: Setup, resolution: Resolution) -> Run:
         """Simulate a setup.  Raises reference.simulation.SimulationError."""

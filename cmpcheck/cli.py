@@ -1,0 +1,296 @@
+"""The command line: parse, call, exit code.
+
+Commands import what they need when they run, so that `--help` is quick.  What a command does is elsewhere;
+here are its options, its progress bar, and the one line that an error becomes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+from collections.abc import Callable, Iterable, Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+app = typer.Typer(
+    help="Check a particle model of polishing, and engines that run it, against closed forms and each other.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+class BadInput(ValueError):
+    """An option that cannot be used; one line for the user."""
+
+
+class Profile(StrEnum):
+    """How much is run."""
+
+    quick = "quick"
+    full = "full"
+
+
+def main() -> None:
+    """Entry point of the command `cmpcheck`."""
+    app(prog_name="cmpcheck")
+
+
+def _complain(message: str, code: int) -> NoReturn:
+    """One line on standard error, and the exit code."""
+    typer.echo(f"cmpcheck: {' '.join(message.split())}", err=True)
+    raise typer.Exit(code)
+
+
+def _command(**settings: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a command whose expected errors become one line and an exit code."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def guarded(*args: Any, **kwargs: Any) -> None:
+            try:
+                function(*args, **kwargs)
+            except typer.Exit:
+                raise
+            except KeyboardInterrupt:
+                _complain("interrupted", INTERRUPTED)
+            except (ValueError, RuntimeError, OSError) as problem:
+                code = _exit_code_of(problem)
+                if code is None:
+                    raise
+                _complain(str(problem), code)
+
+        return app.command(**settings)(guarded)
+
+    return register
+
+
+def _exit_code_of(problem: Exception) -> int | None:
+    """2 for bad input, 1 for what failed on the way, None for what nobody expected."""
+    from cmpcheck.engines.lammps_library import EngineError
+    from cmpcheck.outputs import OutputError
+    from reference.case import CaseError
+    from reference.simulation import SimulationError
+
+    if isinstance(problem, BadInput | CaseError | OutputError):
+        return BAD_INPUT
+    if isinstance(problem, EngineError | SimulationError | OSError):
+        return 1
+    return None
+
+
+@_command()
+def compare(
+    cases: Annotated[
+        list[str] | None, typer.Argument(metavar="[CASE]...", help="names or files; default all")
+    ] = None,
+    engine: Annotated[
+        list[str] | None, typer.Option(help="one to compare; may be repeated; default all")
+    ] = None,
+    profile: Annotated[Profile, typer.Option(help="how much is run")] = Profile.quick,
+    out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
+    deck: Annotated[
+        list[str] | None, typer.Option(metavar="CASE=FILE", help="a LAMMPS deck for a case")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="processes; default one per processor")] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="exit 1 too when something was not tested")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="write into a folder that holds other files")
+    ] = False,
+) -> None:
+    """Compare engines and write a report.
+
+    Runs every case in every engine, compares the runs with closed forms and with the reference.
+    """
+    from rich.console import Console
+
+    from cmpcheck import outputs
+    from cmpcheck.report import exit_code, summary_table, write_report
+    from cmpcheck.suite import run_suite
+    from reference.case import available_cases, load_case
+
+    names = cases or available_cases()
+    loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
+    if len(loaded) < len(names):
+        raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
+    decks = _decks(deck or [], loaded)
+    _require(engine or [])
+    staging = outputs.stage_report(out, force)
+    try:
+        with _progress() as bars:
+            tasks = {name: bars.add_task(name, total=variants) for name, variants in loaded.items()}
+            result = run_suite(
+                names,
+                engine or None,
+                profile.value,
+                staging,
+                jobs or os.cpu_count() or 1,
+                decks,
+                lambda name, done, _: bars.update(tasks[name], completed=done),
+            )
+        write_report(result, staging)
+        outputs.publish_report(staging, out)
+    except KeyboardInterrupt:
+        _complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)
+    except BaseException:
+        outputs.discard_report(staging)
+        raise
+    console = Console()
+    console.print(summary_table(result))
+    console.print(f"report: {out / 'index.html'}", soft_wrap=True, highlight=False)
+    raise typer.Exit(exit_code(result, strict))
+
+
+@_command()
+def run(
+    case: Annotated[str, typer.Argument(help="name or file of a case")],
+    engine: Annotated[str, typer.Option(help="the engine that runs it")] = "reference",
+    out: Annotated[Path | None, typer.Option(help="run folder; default runs/CASE")] = None,
+    force: Annotated[bool, typer.Option("--force", help="write over an existing run folder")] = False,
+) -> None:
+    """Run one case in one engine.
+
+    The run folder is kept: one below it for each variant of a case that has any.
+    """
+    from cmpcheck import outputs
+    from cmpcheck.single import run_variant
+    from reference.case import load_case
+
+    loaded = load_case(case)
+    _require([engine])
+    folder = outputs.claim_run_folder(out or Path("runs") / loaded.name, force)
+    try:
+        with _progress() as bars:
+            for variant in loaded.variants():
+                task = bars.add_task(variant.variant or variant.name, total=1.0)
+                run_variant(variant, engine, folder / variant.variant, _show(bars, task))
+    except KeyboardInterrupt:
+        _complain(f"interrupted: {folder} keeps what was recorded, marked as not complete", INTERRUPTED)
+    typer.echo(f"run: {folder}")
+
+
+@_command(
+    options_metavar="FILE [LAMMPS FLAGS]",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+)
+def deck(context: typer.Context) -> None:
+    """Run a LAMMPS deck with the Python fix.
+
+    Takes what lmp takes: -in FILE, -var, -log, -screen; or FILE first, and then the flags.
+    """
+    from cmpcheck.deck import run_deck
+
+    arguments = list(context.args)
+    if arguments and not arguments[0].startswith("-"):
+        arguments.insert(0, "-in")
+    raise typer.Exit(run_deck(arguments))
+
+
+@_command()
+def doctor() -> None:
+    """Show what is installed and what is missing.
+
+    For each engine its version, or the command that installs it; exit code 1 when anything is missing.
+    """
+    from cmpcheck.doctor import examine
+
+    findings = examine()
+    for finding in findings:
+        typer.echo(
+            f"{finding.name:<10} {finding.version or 'missing: ' + finding.problem}  ({finding.what_for})"
+        )
+        if finding.remedy:
+            typer.echo(f"{'':<10} install with: {finding.remedy}")
+    raise typer.Exit(int(not all(finding.found for finding in findings)))
+
+
+@_command()
+def cases() -> None:
+    """List the cases that ship, a sentence each."""
+    from reference.case import available_cases, load_case
+
+    for name in available_cases():
+        typer.echo(f"{name:<16} {load_case(name).case.description}")
+
+
+@_command()
+def init(
+    case: Annotated[str, typer.Argument(help="name of a case that ships")],
+    file: Annotated[Path, typer.Argument(help="file to write")],
+    deck: Annotated[
+        bool, typer.Option("--deck", help="copy the LAMMPS deck of the case, not the case")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="write over an existing file")] = False,
+) -> None:
+    """Write a case file or a deck to start from."""
+    from cmpcheck.engines.lammps_setup import deck_path
+    from cmpcheck.outputs import write_new
+    from reference.case import CASES, CaseError, available_cases
+    from reference.toml_source import nearest
+
+    if case not in available_cases():
+        raise CaseError(f"unknown case {case!r}: {nearest(case, available_cases())}")
+    source = deck_path(case) if deck else CASES / f"{case}.toml"
+    write_new(file, source.read_text("utf-8"), force)
+    typer.echo(str(file))
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Progress]:
+    """Bars on standard error, which an error wipes away so that its line stands alone."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True)) as bars:
+        try:
+            yield bars
+        except BaseException:
+            bars.live.transient = True
+            raise
+
+
+def _show(bars: Progress, task: TaskID) -> Callable[[float], None]:
+    def show(fraction: float) -> None:
+        bars.update(task, completed=fraction)
+
+    return show
+
+
+def _require(engines: list[str]) -> None:
+    """Refuse engines that do not exist or are not on this machine."""
+    from cmpcheck.engines import ENGINES, make_engine
+    from reference.toml_source import nearest
+
+    for name in engines:
+        if name not in ENGINES:
+            raise BadInput(f"unknown engine {name!r}: {nearest(name, ENGINES)}")
+        info = make_engine(name).info()
+        if not info.available:
+            raise BadInput(f"the engine {name} is missing: {info.reason}")
+
+
+def _decks(entries: list[str], cases: Iterable[str]) -> dict[str, Path]:
+    """The decks of `--deck CASE=FILE`, by case."""
+    decks = {}
+    for entry in entries:
+        name, _, file = entry.partition("=")
+        if not file or name not in cases:
+            raise BadInput(
+                f"--deck {entry}: allowed: CASE=FILE with a case that is compared: {', '.join(sorted(cases))}"
+            )
+        if not Path(file).is_file():
+            raise BadInput(f"--deck {entry}: {file}: no such file")
+        decks[name] = Path(file)
+    return decks

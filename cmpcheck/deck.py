@@ -1,0 +1,137 @@
+"""`cmpcheck deck`: run a LAMMPS deck as `lmp` would, with the Python fix attached to it.
+
+The deck is read in two parts, with `SlurryFix` attached after its line `fix ID group external pf/callback ...`.
+Comparing a deck with the reference is `engines/lammps.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmpcheck.engines.lammps_library import EngineError, open_lammps
+from cmpcheck.engines.lammps_setup import Deck, execute
+from cmpcheck.fixes.layout import MICRO
+from cmpcheck.fixes.slurry import SlurryFix
+from reference.case import Case, CaseError, load_case
+from reference.process import build_setup
+from reference.toml_source import nearest
+
+DRIVER = "cmpcheck_deck"
+SUCCESSFUL_QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+0)?([ \t]*(?:#.*)?$|")')
+SHOWN = 10  # contacts
+COLUMNS = ("time", "i", "approach_speed", "normal_impulse", "load", "yield_radius", "removed_volume", "removed_mass")
+
+
+def run_deck(arguments: Sequence[str], comm: Any = None) -> int:
+    """Run a deck with the flags that `lmp` takes; 0 when it has simulated something.
+
+    The deck's variables `case` (name or .toml file; default the FILE of `in.FILE`), `variant` (default the first)
+    and `form` (soft | impulse) say what the fix does, `contact_duration` (us) how long a soft contact lasts.
+    Raises CaseError (bad input) and EngineError (the run has failed), one line naming the file.
+    """
+    path, flags = _input_file(arguments)
+    try:
+        deck = Deck(path, path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+    _require_known_variables(deck, flags)
+    lmp = open_lammps([*flags, "-var", "driver", DRIVER] if deck.external_fix else flags, comm)
+    try:
+        _run(lmp, deck)
+        if lmp.extract_global("ntimestep") == 0:
+            raise EngineError(f"{path}: nothing was simulated: no run command was reached, or it had 0 steps")
+    finally:
+        lmp.close()
+    return 0
+
+
+def _input_file(arguments: Sequence[str]) -> tuple[Path, list[str]]:
+    """The deck, and the other flags."""
+    flags = list(arguments)
+    for flag in ("-in", "-i"):
+        if flag in flags[:-1]:
+            at = flags.index(flag)
+            path = Path(flags[at + 1])
+            del flags[at : at + 2]
+            return path, flags
+    raise CaseError("cmpcheck deck: no input file; allowed: cmpcheck deck FILE [LAMMPS flags], or -in FILE")
+
+
+def _require_known_variables(deck: Deck, flags: list[str]) -> None:
+    """A variable that the deck never reads is a mistake, which LAMMPS would not notice."""
+    declared = set(re.findall(r"(?m)^[ \t]*variable[ \t]+(\w+)", deck.text))
+    for flag, name in zip(flags, flags[1:], strict=False):
+        if flag in ("-var", "-v") and name not in declared:
+            raise CaseError(f"{deck.path}: -var {name}: unknown variable; {nearest(name, sorted(declared))}")
+
+
+def _run(lmp: Any, deck: Deck) -> None:
+    """The first part, the fix, the second part, and what the fix has seen."""
+    before, after = (_return_to_caller(part) for part in deck.around_fix())
+    execute(lmp, before, deck.path)
+    if deck.external_fix is None:
+        return
+    fix = _attach(lmp, deck)
+    try:
+        execute(lmp, after, deck.path)
+    finally:
+        fix.check()  # an error in the callback is the cause of what the deck then says
+    contacts = fix.contacts()
+    lines = [f"cmpcheck: {len(contacts)} contacts; SI units"]
+    if len(contacts):
+        table = contacts.loc[: SHOWN - 1, list(COLUMNS)]
+        lines += table.to_string(index=False, float_format="{:.6g}".format).splitlines()
+    for line in lines:
+        lmp.command(f'print "{line}"')  # to screen and log, as the flags say
+
+
+def _return_to_caller(part: str) -> str:
+    """The part with `quit` (successful) turned into the end of the input, so that the checks after it happen."""
+    return SUCCESSFUL_QUIT.sub(r"\1jump /dev/null\3", part)
+
+
+def _attach(lmp: Any, deck: Deck) -> SlurryFix:
+    """The fix, with the constants of the deck's case."""
+    case = _case(lmp, deck)
+    setup = build_setup(case)
+    atoms, modulus = int(lmp.get_natoms()), setup.state.modulus
+    if atoms != len(modulus):
+        if np.ptp(modulus) > 0.0:
+            raise EngineError(
+                f"{deck.path}: {atoms} atoms, but the case {case.name} has {len(modulus)} particles of several materials"
+            )
+        modulus = np.full(atoms, modulus[0])
+    fix = SlurryFix(
+        lmp,
+        deck.external_fix or "",
+        setup.model,
+        modulus,
+        setup.state.heights,
+        form=_variable(lmp, "form") or "soft",
+        contact_duration=float(_variable(lmp, "contact_duration") or 0.0) * MICRO,
+        observe_pairs=atoms > 1,
+        case=str(deck.path),
+    )
+    fix.attach()
+    return fix
+
+
+def _case(lmp: Any, deck: Deck) -> Case:
+    """The variant of the case that the deck's variables name."""
+    case = load_case(_variable(lmp, "case") or deck.path.name.removeprefix("in."))
+    name, variants = _variable(lmp, "variant"), case.variants()
+    for variant in variants:
+        if name in ("", variant.variant):
+            return variant
+    names = [variant.variant for variant in variants]
+    raise CaseError(f"{deck.path}: variant = {name}: {nearest(name, names)}")
+
+
+def _variable(lmp: Any, name: str) -> str:
+    """Value of a variable of the deck, "" when it defines none."""
+    return str(lmp.extract_variable(name)) if lmp.has_id("variable", name) else ""

@@ -1,0 +1,161 @@
+"""From a setup to LAMMPS: the deck of a case, its variables, its atoms.
+
+No simulation here (`lammps.py`), and no running of a deck on its own (`cmpcheck/deck.py`).  Decks are in
+`units micro`: um, us and pg, in which a speed in m/s is the same number.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cmpcheck
+from cmpcheck.engines.lammps_library import EngineError, error_message, per_atom
+from cmpcheck.engines.protocol import Resolution
+from cmpcheck.fixes.layout import MICRO, PICOGRAM
+from reference.state import Setup, State
+
+DENSITY = 1e3  # kg/m3 in pg/um3
+VISCOSITY = 1e-3  # Pa s in pg/(um us)
+
+EXTERNAL_FIX = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+external[ \t]+pf/callback\b.*$", re.MULTILINE)
+DRIVER_LINE = re.compile(r"^[ \t]*if[ \t]+\"\$\{driver\}", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A LAMMPS input script, and the two lines in it that cmpcheck looks for."""
+
+    path: Path
+    text: str
+
+    @property
+    def external_fix(self) -> str | None:
+        """ID of its `fix ID group external pf/callback`, None without one."""
+        match = EXTERNAL_FIX.search(self.text)
+        return match.group(1) if match else None
+
+    @property
+    def external_line(self) -> str:
+        """The line that defines that fix, "" without one."""
+        match = EXTERNAL_FIX.search(self.text)
+        return match.group() if match else ""
+
+    def definitions(self) -> str:
+        """What stands above the line `if "${driver}`: box, styles and fixes, but no atoms.
+
+        Raises EngineError when there is no such line.
+        """
+        match = DRIVER_LINE.search(self.text)
+        if match is None:
+            raise EngineError(
+                f'{self.path}: no line begins with  if "${{driver}}  : cmpcheck reads a deck down to there; put it '
+                "between the definitions (box, styles, fixes) and the atoms, as in the decks that ship"
+            )
+        return self.text[: match.start()]
+
+    def around_fix(self) -> tuple[str, str]:
+        """The deck down to its external fix, included, and the rest."""
+        match = EXTERNAL_FIX.search(self.text)
+        end = match.end() if match else len(self.text)
+        return self.text[:end] + "\n", self.text[end:]
+
+
+def deck_path(case_name: str) -> Path:
+    """The deck that ships for a case, in a checkout or in an installed package.
+
+    Raises EngineError when there is none.
+    """
+    package = Path(cmpcheck.__file__).parent
+    folders = [package / "lammps_inputs", package.parent / "lammps_inputs"]
+    for folder in folders:
+        path = folder / f"in.{case_name}"
+        if path.is_file():
+            return path
+    names = sorted({path.name[3:] for folder in folders for path in folder.glob("in.*")})
+    raise EngineError(f"no LAMMPS deck for the case {case_name}; there are decks for {', '.join(names)}")
+
+
+def execute(lmp: Any, text: str, name: Path) -> None:
+    """Run a part of the deck `name`; loops with `label` and `jump SELF` work within it.
+
+    Raises EngineError with LAMMPS's message.
+    """
+    with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
+        part = Path(folder) / name.name
+        part.write_text(text, "utf-8")
+        try:
+            lmp.file(str(part))
+        except Exception as error:  # the lammps package raises Exception itself
+            if type(error).__name__ == "MPIAbortException":  # on this rank only: the others would wait for ever
+                print(f"cmpcheck: {name}: {error_message(error)}", flush=True)
+                lmp.get_mpi_comm().Abort(1)
+            raise EngineError(f"{name}: {error_message(error)}".replace(str(part), str(name))) from None
+
+
+def variables(setup: Setup, resolution: Resolution, time_step: float) -> dict[str, float | str]:
+    """Values, in micro units, of the index variables that decks read; each deck uses those it declares.
+
+    Raises EngineError where LAMMPS's contact law cannot express the setup.
+    """
+    model, state = setup.model, setup.state
+    if model.static_friction != model.dynamic_friction:
+        raise EngineError(
+            f"contact.static_friction = {model.static_friction:g} and dynamic_friction = "
+            f"{model.dynamic_friction:g}: LAMMPS's contact law has one coefficient, they must be equal"
+        )
+    z, room = state.position[:, 2], float(state.diameter.max())
+    periodic = model.length_z > 0.0
+    return {
+        "length_x": model.length_x / MICRO,
+        "length_y": model.length_y / MICRO,
+        "z_low": 0.0 if periodic else min(0.0, float(z.min()) - room) / MICRO,
+        "z_high": (model.length_z if periodic else float(z.max()) + room) / MICRO,
+        "boundary_z": "p" if periodic else "m",
+        "restitution": model.restitution,
+        "friction": model.dynamic_friction,
+        "contact_duration": resolution.contact_duration / MICRO,
+        "steps_per_contact": resolution.contact_duration / time_step,
+        "time_step": time_step / MICRO,
+        "effective_mass": effective_mass(state, setup.copies) / PICOGRAM,
+        "fluid_density": model.fluid_density / DENSITY,
+        "viscosity": model.viscosity / VISCOSITY,
+        "flow_x": model.flow_x,
+        "flow_y": model.flow_y,
+        "flow_z": model.flow_z,
+        "wall_speed": model.wall_speed,
+        "gap": model.gap / MICRO,
+    }
+
+
+def effective_mass(state: State, copies: int) -> float:
+    """The m* (kg) of the pair whose contact lasts t_c: that of a lone pair, or of two mean particles.
+
+    LAMMPS's spring has one stiffness: contacts of other pairs last longer by the root of their m*.
+    """
+    m_i = m_j = float(state.mass.mean())
+    if len(state.mass) == 2 * copies:
+        m_i, m_j = float(state.mass.min()), float(state.mass.max())
+    return m_i * m_j / (m_i + m_j)
+
+
+def create_atoms(lmp: Any, state: State) -> None:
+    """Put the particles of a state into LAMMPS: particle i becomes the atom with tag i + 1.
+
+    Raises EngineError when LAMMPS takes not all of them.
+    """
+    n = len(state.mass)
+    tags = list(range(1, n + 1))
+    positions = (state.position / MICRO).ravel().tolist()
+    lmp.create_atoms(n, tags, [1] * n, positions, state.velocity.ravel().tolist())
+    if lmp.get_natoms() != n:
+        raise EngineError(f"LAMMPS has created {lmp.get_natoms():.0f} of {n} particles: some lie outside the box")
+    local = lmp.extract_setting("nlocal")
+    index = np.array(lmp.numpy.extract_atom("id", nelem=local), dtype=np.int64).reshape(-1) - 1
+    per_atom(lmp, "radius", local, 1)[:] = state.diameter[index] / 2 / MICRO
+    per_atom(lmp, "rmass", local, 1)[:] = state.mass[index] / PICOGRAM

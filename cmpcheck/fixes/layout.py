@@ -1,0 +1,107 @@
+"""What the fix keeps in memory, and where: per-atom columns, the context of a run, units, error codes.
+
+Names only; what is done with them is `particles.py`, `pairs.py` and `plain.py`.
+"""
+
+from __future__ import annotations
+
+from typing import get_type_hints
+
+import numpy as np
+
+from reference.ledger import COLUMNS as LEDGER_COLUMNS
+from reference.state import Model
+
+# LAMMPS `units micro`: um, us, pg.  Velocities in um/us are m/s as they stand.
+MICRO = 1e-6  # m per um, s per us
+PICOGRAM = 1e-15  # kg
+NANO = 1e-9  # N per pg um/us2
+
+FORMS = ("soft", "impulse", "observe")
+SOFT, IMPULSE, OBSERVE = 0, 1, 2
+
+# Columns of the per-atom array d2_cmpcheck.  The first ones are the ledger row of the surface contact that
+# is open, so that it migrates between ranks and survives a restart.
+EVALUATED = len(LEDGER_COLUMNS)  # step of the last evaluation plus one; 0: never evaluated
+PHASE = EVALUATED + 1  # of the surface contact
+START = EVALUATED + 2  # step of its first overlap and approach
+FORCE = EVALUATED + 3  # three columns: the force last returned, in LAMMPS units
+STATE_COLUMNS = EVALUATED + 6
+
+FREE, WAITING, TOUCHING = 0.0, 1.0, 2.0
+
+# Columns of one particle as the pairs and the trajectory see it, by tag, SI.
+POSITION, VELOCITY, PAIR_FORCE, FIX_FORCE, MASS, RADIUS, LAG = 0, 3, 6, 9, 12, 13, 14
+BY_TAG_COLUMNS = 15
+
+# Columns of a native contact between two particles that is open: its ledger row, the impulse on i, and
+# whether it has been the only one of both particles.
+PAIR_IMPULSE = len(LEDGER_COLUMNS)
+ISOLATED = PAIR_IMPULSE + 3
+OPEN_COLUMNS = PAIR_IMPULSE + 4
+
+NO_ERROR, NOT_FINITE, LEDGER_FULL, TUNNELLED, TRAJECTORY_FULL, PAIRS_FULL = range(6)
+ERRORS = {
+    NOT_FINITE: "position, velocity or pair force is not finite",
+    LEDGER_FULL: "the contact ledger is full: raise max_contacts",
+    TUNNELLED: "the centre is more than a radius below the surface: shorten the time step or the contact",
+    TRAJECTORY_FULL: "the trajectory is full: raise max_samples or sample_every",
+    PAIRS_FULL: "too many neighbours: the particles overlap massively",
+}
+
+_TYPES = {float: "f8", int: "i8", bool: "i8"}
+MODEL = np.dtype([(name, _TYPES[kind]) for name, kind in get_type_hints(Model).items()])
+
+# Everything a compiled callback needs, at one address.  Names ending in _at are addresses.
+CONTEXT = np.dtype(
+    [
+        ("model", MODEL),
+        ("form", "i8"),
+        ("time_step", "f8"),  # s, of the step at hand
+        ("spring", "f8"),  # omega0^2, 1/s2
+        ("damping", "f8"),  # 2 z omega0, 1/s
+        ("patience", "f8"),  # longest wait for a pair force to end, s
+        ("highest", "f8"),  # no node is above this, m
+        ("lag", "f8"),  # the velocities seen are this much older than the positions, s
+        ("last_step", "i8"),
+        ("rows", "i8"),  # ledger rows in use
+        ("error", "i8"),
+        ("error_step", "i8"),
+        ("error_tag", "i8"),
+        ("observe_pairs", "i8"),
+        ("pairs", "i8"),  # pairs in the neighbour list; -1: none yet
+        ("open", "i8"),  # native contacts that are open
+        ("sample_every", "i8"),
+        ("samples", "i8"),  # trajectory samples stored
+        ("particles", "i8"),
+        ("local", "i8"),  # atoms of the rank at this step
+        ("nodes_x", "i8"),
+        ("nodes_y", "i8"),
+        ("max_rows", "i8"),
+        ("max_pairs", "i8"),
+        ("max_open", "i8"),
+        ("max_samples", "i8"),
+        ("address", "i8"),  # of this context
+        ("observe_at", "i8"),  # compiled function that follows pairs and stores the trajectory
+        ("lammps", "i8"),
+        ("dt_at", "i8"),
+        ("extract_atom_at", "i8"),
+        ("force_timeout_at", "i8"),
+        ("name_id_at", "i8"),
+        ("name_x_at", "i8"),
+        ("name_v_at", "i8"),
+        ("name_f_at", "i8"),
+        ("name_radius_at", "i8"),
+        ("name_rmass_at", "i8"),
+        ("name_state_at", "i8"),
+        ("modulus_at", "i8"),
+        ("heights_at", "i8"),
+        ("rows_at", "i8"),
+        ("by_tag_at", "i8"),
+        ("position_at", "i8"),
+        ("pairs_at", "i8"),
+        ("listed_at", "i8"),
+        ("open_at", "i8"),
+        ("samples_at", "i8"),
+    ]
+)

@@ -1,0 +1,182 @@
+"""The fix in plain Python, one particle at a time: to be read beside DESIGN, and to check the compiled form.
+
+`advance_particles` does what its namesake in `particles.py` does, with the same arguments, written anew; the
+equations themselves are the reference's in both.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cmpcheck.fixes.layout import (
+    EVALUATED,
+    FORCE,
+    FREE,
+    IMPULSE,
+    LEDGER_FULL,
+    MICRO,
+    NANO,
+    NOT_FINITE,
+    OBSERVE,
+    PHASE,
+    PICOGRAM,
+    START,
+    TOUCHING,
+    TUNNELLED,
+    WAITING,
+)
+from reference import ledger as col
+from reference.collisions import drag_on, impact_energy_lost, record_surface_impact
+from reference.contact import compression_impulse, surface_normal_impulse
+from reference.heightfield import surface_contact
+
+Outcome = tuple[np.ndarray, float]  # force in N, mass gained in kg
+ROW = slice(0, len(col.COLUMNS))
+
+
+class StepError(Exception):
+    """A step that cannot be finished, with an error code of `layout.py` as its argument."""
+
+
+class Particle(NamedTuple):
+    """One particle at this step, SI; `contact` and `half_velocity` are views into LAMMPS's arrays."""
+
+    tag: int
+    position: np.ndarray
+    half_velocity: np.ndarray  # of half a step ago; at the very first evaluation of now
+    pair_force: np.ndarray
+    mass: float
+    radius: float
+    modulus: float
+    contact: np.ndarray
+    lag: float  # age of half_velocity
+    acts: float  # the force of this step acts for so long
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> float:
+    """Scalar product, summed in the order x, y, z."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def drag(c: Any, p: Particle) -> np.ndarray:
+    """Drag at the time of the positions (Eqs 20-22)."""
+    z, diameter = p.position[2], 2.0 * p.radius
+    first = np.array(drag_on(c.model, 0.0, z, *p.half_velocity, diameter))
+    return np.array(drag_on(c.model, 0.0, z, *(p.half_velocity + p.lag / p.mass * first), diameter))
+
+
+def open_contact(c: Any, p: Particle, time: float, velocity: np.ndarray, hit: tuple[float, ...]) -> None:
+    """Write approach, load and removal of an impact into the particle's row (Eqs 30, 34-36)."""
+    record_surface_impact(
+        c.model, 0.0, time, p.tag - 1, hit, p.position, velocity, p.mass, 2.0 * p.radius, p.modulus,
+        p.contact[ROW],
+    )  # fmt: skip
+
+
+def close_contact(c: Any, p: Particle, gained: float, rows: np.ndarray) -> None:
+    """Ledger row, and the velocity of the heavier particle: (m + dm) v' = m v (Eq 24)."""
+    p.contact[PHASE] = FREE
+    if c.rows == len(rows):
+        raise StepError(LEDGER_FULL)
+    p.half_velocity[:] *= p.mass / (p.mass + gained)
+    rows[c.rows] = p.contact[ROW]
+    c.rows += 1
+
+
+def soft_contact(c: Any, p: Particle, step: int, e: np.ndarray, touch: tuple, rows: np.ndarray) -> Outcome:
+    """Force F = max(0, k x - c v_n) along the normal, and the mass gained when the contact has ended."""
+    found, overlap, nx, ny, nz, qx, qy, qz, _ = touch
+    n = np.array([nx, ny, nz])
+    velocity = p.half_velocity + p.lag / p.mass * (e + p.pair_force)
+    v_n = dot(velocity, n)
+    overlaps = found and overlap > 0.0
+    if p.contact[PHASE] != TOUCHING:
+        if not (overlaps and v_n < 0.0):
+            return np.zeros(3), 0.0
+        open_contact(c, p, step * c.time_step, velocity, (nx, ny, nz, qx, qy, qz))
+        p.contact[PHASE] = TOUCHING
+    force = 0.0
+    if overlaps:
+        force = p.mass * (c.spring * overlap - c.damping * v_n) / (1.0 + c.damping * p.lag)
+    if force > 0.0:
+        p.contact[col.NORMAL_IMPULSE] += force * p.acts
+        p.contact[col.CONTACT_TIME] += p.acts
+        p.contact[col.ENERGY_LOST] -= force * p.acts * (v_n + p.lag * force / p.mass)
+        return force * n, 0.0
+    gained = p.contact[col.REMOVED_MASS] if c.model.mass_pickup else 0.0
+    square = dot(p.half_velocity, p.half_velocity)
+    p.contact[col.ENERGY_LOST] += 0.5 * p.mass * square * gained / (p.mass + gained)
+    close_contact(c, p, gained, rows)
+    return np.zeros(3), gained
+
+
+def impulse_contact(c: Any, p: Particle, step: int, touch: tuple, rows: np.ndarray) -> Outcome:
+    """Force J/dt along the normal for one step, once no pair force acts, and the mass gained (Eqs 29-31)."""
+    found, overlap, nx, ny, nz, qx, qy, qz, _ = touch
+    n = np.array([nx, ny, nz])
+    v_n = dot(p.half_velocity, n)
+    if not (found and overlap > 0.0 and v_n < 0.0):
+        p.contact[PHASE] = FREE
+        return np.zeros(3), 0.0
+    if p.contact[PHASE] == FREE:
+        p.contact[PHASE], p.contact[START] = WAITING, step
+    if p.pair_force.any() and (step - p.contact[START]) * c.time_step < c.patience:
+        return np.zeros(3), 0.0
+    open_contact(c, p, p.contact[START] * c.time_step, p.half_velocity, (nx, ny, nz, qx, qy, qz))
+    duration, e = p.contact[col.DURATION], c.model.restitution
+    ext = compression_impulse(p.contact[col.EXTERNAL_FORCE], duration, p.acts, e)
+    j = surface_normal_impulse(p.mass, v_n, e, ext)
+    gained = p.contact[col.REMOVED_MASS] if c.model.mass_pickup else 0.0
+    p.contact[col.NORMAL_IMPULSE], p.contact[col.CONTACT_TIME] = j, min(duration, p.acts)
+    p.contact[col.ENERGY_LOST] = impact_energy_lost(p.mass, gained, p.half_velocity, v_n, j)
+    close_contact(c, p, gained, rows)
+    return j / p.acts * n, gained
+
+
+def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: np.ndarray) -> Outcome:
+    """Drag and contact of one particle: its force in N, and the mass gained in kg."""
+    if not np.isfinite([*p.position, *p.half_velocity, *p.pair_force, p.mass]).all():
+        raise StepError(NOT_FINITE)
+    if c.form == OBSERVE:
+        return np.zeros(3), 0.0
+    e = drag(c, p)
+    above = p.position[2] - p.radius >= c.highest
+    if not c.model.has_surface or (above and p.contact[PHASE] == FREE):
+        return e, 0.0
+    touch = surface_contact(heights, c.model.spacing, *p.position, p.radius)
+    if touch[1] > 2.0 * p.radius:
+        raise StepError(TUNNELLED)
+    if c.form == IMPULSE:
+        force, gained = impulse_contact(c, p, step, touch, rows)
+    else:
+        force, gained = soft_contact(c, p, step, e, touch, rows)
+    return e + force, gained
+
+
+def advance_particles(
+    c: Any, step: int, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray, radius: np.ndarray,
+    mass: np.ndarray, state: np.ndarray, force: np.ndarray, modulus: np.ndarray, heights: np.ndarray,
+    rows: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`."""
+    c.lag = 0.0
+    for i, tag in enumerate(tags):
+        if state[i, EVALUATED] == step + 1:
+            force[i] = state[i, FORCE : FORCE + 3]
+            continue
+        c.lag = 0.5 * c.time_step if state[i, EVALUATED] > 0.0 else 0.0
+        state[i, EVALUATED] = step + 1
+        p = Particle(
+            tag, x[i] * MICRO, v[i], f[i] * NANO, mass[i] * PICOGRAM, radius[i] * MICRO, modulus[tag - 1],
+            state[i], c.lag, 0.5 * c.time_step + c.lag,
+        )  # fmt: skip
+        try:
+            newtons, gained = advance_particle(c, p, step, heights, rows)
+        except StepError as error:
+            c.error, c.error_step, c.error_tag = error.args[0], step, tag
+            force[:] = 0.0
+            return
+        mass[i] += gained / PICOGRAM
+        force[i] = state[i, FORCE : FORCE + 3] = newtons / NANO

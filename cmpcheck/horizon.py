@@ -1,0 +1,168 @@
+"""How long two runs of many particles can be compared contact by contact, and the comparison until then.
+
+Collisions amplify every difference, so trajectories part after some time whatever the engine.  Runs that
+ought to be the same (levels of one engine, and a twin that starts one unit in the last place away) measure
+when; until then the engines must have the same contacts in the same order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from cmpcheck.engines.protocol import Engine
+from cmpcheck.judges import Measured
+from cmpcheck.phases import unwrapped
+from cmpcheck.results import Comparison
+from cmpcheck.study import Level, Study
+from reference.case import Case
+from reference.recording import Run
+
+FEWEST_CONTACTS = 10  # fewer contacts before the horizon are no test of their order
+
+
+@dataclass(frozen=True)
+class Parting:
+    """The first contact that one of two runs has and the other has not."""
+
+    time: float  # s; infinity if the runs never part
+    i: int = -1
+    j: int = -1
+
+
+def first_parting(one: Run, other: Run) -> Parting:
+    """When the partners that any particle meets, in its own order, begin to differ.
+
+    Contacts far apart may swap their order in time; what each particle meets may not.
+    """
+    sequences = [_partners(run.contacts) for run in (one, other)]
+    parting = Parting(math.inf)
+    for particle in sorted(sequences[0].keys() | sequences[1].keys()):
+        a, b = (sequence.get(particle, []) for sequence in sequences)
+        for k in range(max(len(a), len(b))):
+            if k < min(len(a), len(b)) and a[k][1] == b[k][1]:
+                continue
+            time, partner = min(sequence[k] for sequence in (a, b) if k < len(sequence))
+            if time < parting.time:
+                parting = Parting(time, particle, partner)
+            break
+    return parting
+
+
+def _partners(contacts: pd.DataFrame) -> dict[int, list[tuple[float, int]]]:
+    met: dict[int, list[tuple[float, int]]] = defaultdict(list)
+    for time, i, j in sorted(contacts[["time", "i", "j"]].itertuples(index=False)):
+        met[i].append((time, j))
+        met[j].append((time, i))
+    return met
+
+
+def study_horizon(engine: Engine, study: Study) -> Parting:
+    """The first parting among the levels of one engine and between its finest level and that one's twin."""
+    finest = study.finest
+    state = finest.setup.state
+    nudged = state.position.copy()
+    nudged[0] = np.nextafter(nudged[0], np.inf)
+    twin = engine.run(replace(finest.setup, state=replace(state, position=nudged)), finest.resolution)
+    others = [level.run for level in study.levels if level is not finest]
+    return min((first_parting(finest.run, run) for run in [twin, *others]), key=lambda parting: parting.time)
+
+
+def compare_ledgers(
+    case: Case, reference: tuple[Study, Parting], other: tuple[Study, Parting]
+) -> tuple[Comparison, str]:
+    """The row on the order of contacts, and a sentence; both studies gain quantities up to the horizon.
+
+    Added to every level: mean normal and friction impulse of the contacts before the horizon, and the distance
+    to the reference's extrapolated positions at the last output before it.
+    """
+    (ours, our_horizon), (theirs, their_horizon) = reference, other
+    end = float(ours.finest.run.times[-1])
+    horizon = min(our_horizon.time, their_horizon.time, end)
+    parting = first_parting(ours.finest.run, theirs.finest.run)
+    contacts = ours.finest.run.contacts
+    expected = int((contacts["time"] < horizon).sum())
+    matched = int((contacts["time"] < min(horizon, parting.time)).sum())
+    status, reason = "agree", "every particle meets the same partners in the same order before the horizon"
+    if parting.time < horizon:
+        status = "disagree"
+        reason = f"the engines part at {parting.time * 1e9:.1f} ns, at the contact of {parting.i} and {parting.j}"
+    elif expected < FEWEST_CONTACTS:
+        status, reason = "not_tested", f"only {expected} contacts before the horizon; a denser case would test it"
+    row = Comparison(
+        case=case.name,
+        variant=case.variant,
+        engine=theirs.engine,
+        quantity="contact_order",
+        equations="2-19",
+        unit="1",
+        reference=float(expected),
+        measured=float(matched),
+        error=float(expected - matched),
+        tolerance=0.5,
+        kind="rounding",
+        reason=f"a count; {reason}",
+        status=status,
+    )
+    horizon = min(horizon, parting.time)
+    _add_impulses([ours, theirs], horizon)
+    _add_distances(ours, theirs, horizon)
+    return row, _sentence(ours, our_horizon, theirs, their_horizon, end)
+
+
+def _sentence(ours: Study, our_horizon: Parting, theirs: Study, their_horizon: Parting, end: float) -> str:
+    def until(study: Study, parting: Parting) -> str:
+        if parting.time >= end:
+            return f"{study.engine}'s own runs (levels, and a twin one unit in the last place away) never part"
+        where = f"the contact of {parting.i} and {parting.j}"
+        return f"{study.engine}'s own runs part at {parting.time * 1e9:.1f} ns, at {where}"
+
+    return f"Horizon: {until(ours, our_horizon)}; {until(theirs, their_horizon)}; the run ends at {end * 1e9:.0f} ns."
+
+
+def _occurrences(contacts: pd.DataFrame, horizon: float) -> pd.DataFrame:
+    """Contacts before the horizon by (i, j, how often they have met)."""
+    rows = contacts[contacts["time"] < horizon].sort_values("time", kind="stable")
+    met = rows.groupby(["i", "j"]).cumcount().rename("met")
+    return rows.assign(met=met).set_index(["i", "j", "met"])
+
+
+def _add_impulses(studies: list[Study], horizon: float) -> None:
+    """Mean impulses of the contacts that every level of both studies has, isolated ones only."""
+    levels = [level for study in studies for level in study.levels]
+    tables = [_occurrences(level.run.contacts, horizon) for level in levels]
+    shared = tables[0].index
+    for table in tables:
+        shared = shared.intersection(table.index[np.isfinite(table["normal_impulse"])])
+    if len(shared) < FEWEST_CONTACTS:
+        return
+    shared = shared.sort_values()
+    place = f"mean of {len(shared)} contacts"
+    normal = float(tables[0].loc[shared, "normal_impulse"].mean())
+    for level, table in zip(levels, tables, strict=True):
+        for quantity, equations in (("normal_impulse", "9, 12"), ("friction_impulse", "14-18")):
+            value = np.array([float(table.loc[shared, quantity].mean())])
+            level.measured.append(Measured(quantity, place, equations, "N s", value, math.nan, normal))
+
+
+def _add_distances(ours: Study, theirs: Study, horizon: float) -> None:
+    """Root mean square distance, at the last output before the horizon, to the reference's limit."""
+    times = ours.finest.run.times
+    frame = int(np.searchsorted(times, horizon, side="left")) - 1
+    if frame < 1:
+        return
+
+    def at(level: Level) -> np.ndarray:
+        return unwrapped(level.run, level.setup)[frame]
+
+    fine, coarse = (at(level) for level in ours.series["time step"][:-3:-1])
+    limit = 2.0 * fine - coarse  # first order, halved steps
+    path = float(np.sqrt(((fine - ours.finest.setup.state.position) ** 2).sum(axis=1).mean()))
+    place = f"at {times[frame] * 1e9:.0f} ns"
+    for level in theirs.levels:
+        value = np.array([float(np.sqrt(((at(level) - limit) ** 2).sum(axis=1).mean()))])
+        level.measured.append(Measured("trajectory_distance", place, "2, 37", "m", value, 0.0, path))

@@ -1,0 +1,114 @@
+"""report.md: the report as text tables, for a terminal or a forge; no figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from cmpcheck import verdicts
+from cmpcheck.display import duration, number, percent, printable, quantity_text, ratio_text, words
+from cmpcheck.page import printed_row, tally_text
+from cmpcheck.results import CaseResult, Comparison, SuiteResult
+
+_PARTS = (
+    ("1 Verification: does the reference solve the paper's equations?", True),
+    ("2 Cross-check: do the engines reproduce the reference?", False),
+)
+
+
+def render(result: SuiteResult) -> str:
+    """The whole report as GitHub-flavoured Markdown."""
+    word = verdicts.verdict(result)
+    lines = [f"# cmpcheck: {word}", "", plain(verdicts.headline(result))]
+    lines += [plain(gap) for gap in verdicts.gaps(result)]
+    lines += ["", f"Profile {plain(result.profile)}, {duration(result.seconds)}.", "", "## Engines", ""]
+    lines += _table(
+        ["engine", "version"],
+        [[e.name, (e.version or "unknown") if e.available else f"absent, not tested: {e.reason}"]
+         for e in result.engines],
+    )  # fmt: skip
+    engines = verdicts.engine_names(result)
+    lines += ["", "## Case by engine", "", "Largest error divided by its tolerance; up to 1 agrees.", ""]
+    lines += _table(
+        ["case", *engines],
+        [
+            [case.name, *map(_cell, cells)]
+            for case, cells in zip(result.cases, verdicts.matrix(result), strict=True)
+        ],
+    )
+    closeness = verdicts.closeness(result)
+    if closeness:
+        lines += ["", "## How closely", "", "Largest error relative to the value compared with.", ""]
+        lines += _table(
+            ["quantity", *engines],
+            [[words(q), *(percent(row.get(engine)) for engine in engines)] for q, row in closeness.items()],
+        )
+    for title, of_reference in _PARTS:
+        sections = [section for case in result.cases for section in _case(case, of_reference)]
+        if sections:
+            lines += ["", f"## {title}", *sections]
+    return "\n".join(lines) + "\n"
+
+
+def plain(text: str) -> str:
+    """Text that Markdown shows as it is: one line, and none of its characters has a meaning."""
+    flat = " ".join(printable(text).split())
+    return re.sub(r"([\\`*{}\[\]<>#|~&$]|(?<!\w)_|_(?!\w))", r"\\\1", flat)
+
+
+def _case(case: CaseResult, of_reference: bool) -> list[str]:
+    rows = [row for row in case.comparisons if (row.engine == verdicts.REFERENCE) == of_reference]
+    convergences = [c for c in case.convergences if (c.engine == verdicts.REFERENCE) == of_reference]
+    if not rows and not convergences:
+        return []
+    lines = ["", f"### {plain(case.name)}: {plain(case.title)}", "", plain(case.sentence)]
+    if case.equations:
+        lines[-1] += f" (Eqs. {plain(case.equations)})"
+    first = of_reference or not any(row.engine == verdicts.REFERENCE for row in case.comparisons)
+    lines += [item for note in case.notes if first for item in ("", plain(note))]
+    if rows:
+        lines += ["", f"{len(rows)} comparison{'s' * (len(rows) > 1)}: {tally_text(rows)}.", "", *_rows(rows)]
+    if convergences:
+        lines += ["", "Limits:", ""]
+        lines += _table(
+            ["variant", "engine", "quantity", "limit", "uncertainty", "target", "order", "in the"],
+            [[c.variant, c.engine, words(c.quantity), quantity_text(c.extrapolated, c.unit),
+              quantity_text(c.uncertainty, c.unit, digits=2), quantity_text(c.target, c.unit),
+              "none" if c.order is None else number(c.order, 3), c.parameter] for c in convergences],
+        )  # fmt: skip
+    return lines
+
+
+def _rows(rows: Iterable[Comparison]) -> list[str]:
+    header = ["variant", "engine", "quantity", "Eq.", "reference", "measured", "error", "tolerance", "unit"]
+    header += ["error/tol.", "order", "status", "how judged"]
+    body: list[list[str]] = []
+    for row in map(printed_row, rows):
+        why = f"{row.kind}: {row.reason}"
+        why += f"; known departure: {row.known_departure}" if row.known_departure else ""
+        body.append([*row[:11], row.verdict, why])
+    return _table(header, body)
+
+
+def _cell(cell: verdicts.Cell) -> str:
+    if not cell.status:
+        return "not compared"
+    text = f"{verdicts.SYMBOLS[cell.status]} {verdicts.WORDS[cell.status]}"
+    if cell.worst is not None and cell.status != "error":
+        text += f" {ratio_text(cell.worst)}"
+    return ", ".join([text, *(f"{n} {verdicts.WORDS[status]}" for status, n in cell.others)])
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A pipe table with its columns aligned for reading as text; an empty column is left out."""
+    columns = (
+        [k for k in range(len(header)) if k < 1 or any(row[k] for row in rows)]
+        if rows
+        else range(len(header))
+    )
+    cells = [[plain(row[k]) for k in columns] for row in [header, *rows]]
+    widths = [max(3, *(len(line[k]) for line in cells)) for k in range(len(cells[0]))]
+    lines = [
+        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in cells
+    ]
+    return [lines[0], "|" + "|".join("-" * (w + 2) for w in widths) + "|", *lines[1:]]

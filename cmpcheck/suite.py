@@ -1,0 +1,194 @@
+"""Cases x engines -> results: which studies are run, in how many processes, and what becomes of failures.
+
+A task is one variant of one case in every engine.  A task that fails becomes rows with the status `error`; the
+others go on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cmpcheck import provenance
+from cmpcheck.compare import compare_study, convergences, limits
+from cmpcheck.engines import ENGINES, make_engine
+from cmpcheck.engines.protocol import Engine
+from cmpcheck.horizon import compare_ledgers, study_horizon
+from cmpcheck.judges import judge_of
+from cmpcheck.judges.swarm import SwarmJudge
+from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
+from reference.case import Case, load_case
+from reference.process import build_setup
+
+Progress = Callable[[str, int, int], None]  # case, variants done, variants in all
+REFERENCE_TRACES = ("exact", "reference")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One variant of one case, in the reference and other engines."""
+
+    case: Case
+    variant: int  # index among the case's variants
+    engines: tuple[str, ...]
+    profile: str
+    folder: Path  # for run folders
+    decks: dict[str, Path]
+
+    @property
+    def cost(self) -> float:
+        """Rough measure of the work, to begin with the longest."""
+        variant = self.case.variants()[self.variant]
+        count = variant.particles.count if variant.particles else len(variant.particle)
+        step = variant.numerics.time_step or variant.case.duration
+        return count * variant.case.duration / step
+
+
+@dataclass
+class Outcome:
+    """What a task found."""
+
+    comparisons: list[Comparison] = field(default_factory=list)
+    convergences: list[Convergence] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def run_suite(
+    cases: list[str],
+    engines: list[str] | None,
+    profile: str,
+    folder: Path,
+    jobs: int,
+    decks: dict[str, Path] | None = None,
+    progress: Progress | None = None,
+) -> SuiteResult:
+    """Run every variant of the cases in every engine and compare.
+
+    Parameters: names or files of cases; names of engines, or None for all that are there; profile quick | full;
+    the folder that gets data/; number of processes; LAMMPS decks by case; a callback for progress.
+    Raises CaseError for a case that cannot be set up or compared, before anything is run.
+    """
+    begin = time.perf_counter()
+    loaded = [load_case(name) for name in cases]
+    infos = [make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)]
+    others = tuple(info.name for info in infos if info.available and info.name != "reference")
+    tasks = []
+    for case in loaded:
+        for k, variant in enumerate(case.variants()):
+            judge_of(build_setup(variant))
+            for name in others:
+                if name in variant.engine:
+                    contact_settings(variant, name)
+            tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
+    totals = {case.name: len(case.variants()) for case in loaded}
+    outcomes: dict[tuple[str, int], Outcome] = {}
+    for task, outcome in _in_processes(tasks, jobs):
+        outcomes[task.case.name, task.variant] = outcome
+        if progress is not None:
+            done = sum(name == task.case.name for name, _ in outcomes)
+            progress(task.case.name, done, totals[task.case.name])
+    results = [_case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded]
+    return SuiteResult(profile, infos, results, provenance.collect(loaded), time.perf_counter() - begin)
+
+
+def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
+    rows = [row for outcome in outcomes for row in outcome.comparisons]
+    return CaseResult(
+        name=case.name,
+        title=case.case.title,
+        sentence=case.case.description,
+        equations=", ".join(dict.fromkeys(part for row in rows for part in row.equations.split(", "))),
+        comparisons=rows,
+        convergences=[record for outcome in outcomes for record in outcome.convergences],
+        traces=[trace for outcome in outcomes for trace in outcome.traces],
+        notes=list(dict.fromkeys(note for outcome in outcomes for note in outcome.notes)),
+        seconds=sum(outcome.seconds for outcome in outcomes),
+    )
+
+
+def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]]:
+    """Outcomes as they come.  A worker that dies takes only its own task with it."""
+    ordered = sorted(tasks, key=lambda task: -task.cost)
+    context = multiprocessing.get_context("spawn")  # MPI and compiled code do not survive a fork
+    left = {id(task): task for task in ordered}
+    with ProcessPoolExecutor(jobs, context) as pool:
+        futures: dict[Future, Task] = {pool.submit(run_task, task): task for task in ordered}
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, return_when=FIRST_COMPLETED)
+            for future in done:
+                if isinstance(future.exception(), BrokenProcessPool):
+                    continue
+                yield left.pop(id(futures[future])), future.result()
+    for task in left.values():  # the pool broke: each task that it had not finished gets a process of its own
+        with ProcessPoolExecutor(1, context) as single:
+            try:
+                yield task, single.submit(run_task, task).result()
+            except BrokenProcessPool:
+                yield task, Outcome([_failed(task, "lammps", "the process that ran it died")])
+
+
+def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:
+    case = task.case.variants()[task.variant]
+    nan = float("nan")
+    return Comparison(case.name, case.variant, engine, "run", "", "1", nan, nan, nan, nan, "precision", reason, status)
+
+
+def run_task(task: Task) -> Outcome:
+    """Run and compare one variant in every engine; the run folders of the finest levels are kept."""
+    begin = time.perf_counter()
+    case, outcome = task.case.variants()[task.variant], Outcome()
+    setup = align_outputs(build_setup(case))
+    judge = judge_of(setup)
+    engine: Engine = make_engine("reference")
+    try:
+        ours = reference_study(engine, judge, setup, task.profile)
+    except RuntimeError as problem:
+        outcome.comparisons.append(_failed(task, "reference", str(problem)))
+        return outcome
+    swarm = isinstance(judge, SwarmJudge)
+    horizon = study_horizon(engine, ours) if swarm else None
+    outcome.comparisons += compare_study(case, ours, None)
+    finest = ours.finest
+    for name in REFERENCE_TRACES:
+        outcome.traces += judge.traces(finest.setup, finest.run, name)
+    outcome.notes += setup.notes
+    _keep(task, ours, outcome)
+    for name in task.engines:
+        if name not in case.engine:
+            reason = f"the case has no [engine.{name}] with contact_duration and steps_per_contact"
+            outcome.comparisons.append(_failed(task, name, reason, "not_tested"))
+            continue
+        other = make_engine(name, task.decks)
+        for form in ("soft", "impulse") if judge.has_surface_contact else ("native",):
+            try:
+                theirs = engine_study(other, judge, setup, task.profile, form)
+                if horizon is not None:
+                    ledgers = compare_ledgers(case, (ours, horizon), (theirs, study_horizon(other, theirs)))
+                    outcome.comparisons.append(ledgers[0])
+                    outcome.notes.append(ledgers[1])
+            except RuntimeError as problem:
+                outcome.comparisons.append(_failed(task, name, f"{form}: {problem}"))
+                continue
+            outcome.comparisons += compare_study(case, theirs, limits(ours))
+            outcome.traces += judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
+            _keep(task, theirs, outcome)
+    outcome.convergences += convergences(case, ours, limits(ours))
+    outcome.seconds = time.perf_counter() - begin
+    return outcome
+
+
+def _keep(task: Task, study: Study, outcome: Outcome) -> None:
+    case = study.finest.setup.case
+    if study.engine != "reference":
+        outcome.convergences += convergences(case, study, limits(study))
+    name = "-".join(part for part in (study.engine, study.form) if part)
+    study.finest.run.save(task.folder / case.name / case.variant / name)

@@ -1,0 +1,390 @@
+"""The command line: exit codes, one line per error, what is kept and what is never overwritten."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cmpcheck import outputs
+from cmpcheck.cli import app
+from reference.case import CASES, available_cases, load_case
+from reference.recording import Run
+
+ROOT = Path(__file__).parents[1]
+
+runner = CliRunner()
+
+
+def call(*arguments: object):
+    """Exit code and both streams of a command, in this process; anything unexpected is raised."""
+    result = runner.invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def complaint(*arguments: object) -> str:
+    """The one line that bad input becomes."""
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("cmpcheck: ")
+    return lines[0]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def case_file(folder: Path, old: str = "", new: str = "", name: str = "drag_relaxation") -> Path:
+    """A copy of a shipped case with one text replaced."""
+    text = (CASES / f"{name}.toml").read_text("utf-8")
+    assert old in text
+    path = folder / "mine.toml"
+    path.write_text(text.replace(old, new, 1), "utf-8")
+    return path
+
+
+def test_the_module_runs_as_the_command_does():
+    done = subprocess.run(
+        [sys.executable, "-m", "cmpcheck", "run", "no_such_case"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("cmpcheck: unknown case 'no_such_case'")
+
+
+def test_help_loads_neither_the_model_nor_an_engine():
+    code = (
+        "import sys\nfrom cmpcheck.cli import app\ntry: app(['--help'])\nexcept SystemExit: pass\n"
+        "print([m for m in ('numpy', 'numba', 'pydantic_core', 'lammps', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stdout.splitlines()[-1]
+    # typer itself may bring pydantic
+    assert loaded in ("[]", "['pydantic_core']")
+
+
+def test_cases_lists_every_case_with_its_sentence():
+    lines = call("cases").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == available_cases()
+    assert all(load_case(line.split()[0]).case.description in line for line in lines)
+
+
+def test_doctor_names_every_engine_and_succeeds_where_nothing_is_missing():
+    result = call("doctor")
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.stdout.splitlines()] == [
+        "reference",
+        "lammps",
+        "lmp",
+        "mpiexec",
+    ]
+
+
+def test_doctor_gives_the_command_for_what_is_missing_and_exits_1(monkeypatch):
+    from cmpcheck.engines import lammps_library
+
+    monkeypatch.setattr(lammps_library, "available", lambda: (False, "LAMMPS cannot be loaded"))
+    result = call("doctor")
+    assert result.exit_code == 1
+    assert "missing: LAMMPS cannot be loaded" in result.stdout
+    assert f"{sys.executable} -m pip install" in result.stdout
+
+
+# init
+
+
+@pytest.mark.parametrize("name", available_cases())
+def test_init_writes_a_case_that_loads_equal_to_the_shipped_one(name, here):
+    assert call("init", name, "mine.toml").exit_code == 0
+    assert load_case("mine.toml") == load_case(name)
+
+
+def test_init_deck_writes_the_shipped_deck(here):
+    from cmpcheck.engines.lammps_setup import deck_path
+
+    assert call("init", "--deck", "pair_head_on", "in.mine").exit_code == 0
+    assert Path("in.mine").read_bytes() == deck_path("pair_head_on").read_bytes()
+
+
+def test_init_never_overwrites_without_force(here):
+    Path("mine.toml").write_text("precious", "utf-8")
+    assert "mine.toml: exists already" in complaint("init", "pair_slip", "mine.toml")
+    assert Path("mine.toml").read_text("utf-8") == "precious"
+    assert call("init", "--force", "pair_slip", "mine.toml").exit_code == 0
+    assert load_case("mine.toml") == load_case("pair_slip")
+
+
+def test_init_of_an_unknown_case_suggests_the_nearest(here):
+    assert "did you mean 'pair_slip'?" in complaint("init", "pair_slipp", "mine.toml")
+
+
+# run
+
+
+def test_run_writes_a_complete_run_folder(here):
+    assert call("run", "drag_relaxation").exit_code == 0
+    run = Run.load("runs/drag_relaxation")
+    assert run.provenance["complete"] is True
+    assert len(run.times) == run.case.case.outputs
+
+
+def test_run_writes_one_folder_for_each_variant(here):
+    assert call("run", "wall_oblique", "--out", "mine").exit_code == 0
+    variants = [case.variant for case in load_case("wall_oblique").variants()]
+    assert sorted(path.name for path in Path("mine").iterdir()) == sorted(variants)
+    assert all(Run.load(f"mine/{name}").case.variant == name for name in variants)
+
+
+def test_two_runs_of_one_case_are_equal_to_the_byte(here):
+    for out in ("first", "second"):
+        assert call("run", "drag_relaxation", "--out", out).exit_code == 0
+    names = sorted(path.name for path in Path("first").iterdir())
+    assert names == ["case.toml", "contacts.parquet", "history.parquet", "provenance.json", "trajectory.h5"]
+    for name in names:
+        assert Path("first", name).read_bytes() == Path("second", name).read_bytes(), name
+
+
+def test_run_refuses_an_existing_run_folder_without_force(here):
+    call("run", "drag_relaxation")
+    before = Path("runs/drag_relaxation/provenance.json").stat().st_mtime_ns
+    assert "runs/drag_relaxation: exists already" in complaint("run", "drag_relaxation")
+    assert Path("runs/drag_relaxation/provenance.json").stat().st_mtime_ns == before
+    assert call("run", "drag_relaxation", "--force").exit_code == 0
+
+
+def test_run_takes_a_case_by_its_path(here):
+    path = case_file(here, 'name = "drag_relaxation"', 'name = "mine"')
+    assert call("run", path).exit_code == 0
+    assert Run.load("runs/mine").case.name == "mine"
+
+
+# bad input
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+@pytest.mark.parametrize(
+    "old, new, named",
+    [
+        ("duration =", "durration =", ["durration"]),
+        ("viscosity =", "viscosity = '1 m' #", ["viscosity", "1 m"]),
+        ("diameter =", "diameter = '-1 um' #", ["diameter", "-1 um"]),
+        ("restitution =", "restitution = 1.5 #", ["restitution", "1.5"]),
+    ],
+)
+def test_a_bad_case_is_one_line_naming_file_key_and_value(command, old, new, named, here):
+    line = complaint(command, case_file(here, old, new))
+    assert "mine.toml" in line
+    for part in named:
+        assert part in line
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_a_missing_or_malformed_file_and_an_unknown_case_are_one_line(command, here):
+    assert "absent.toml: no such file" in complaint(command, "absent.toml")
+    Path("broken.toml").write_text("[case\n", "utf-8")
+    assert "broken.toml:1: malformed TOML" in complaint(command, "broken.toml")
+    line = complaint(command, "pair_slipp")
+    assert "unknown case 'pair_slipp': did you mean 'pair_slip'?" in line
+    assert all(name in line for name in available_cases())
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_an_unknown_engine_is_one_line_with_those_that_exist(command, here):
+    line = complaint(command, "drag_relaxation", "--engine", "lamps")
+    assert "unknown engine 'lamps': did you mean 'lammps'?" in line
+    assert "reference" in line
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_a_folder_that_cannot_be_written_is_one_line(command, here):
+    Path("file").write_text("", "utf-8")
+    assert "file/below: cannot be written" in complaint(command, "drag_relaxation", "--out", "file/below")
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_a_requested_engine_that_is_missing_is_bad_input(command, here, monkeypatch):
+    from cmpcheck.engines import lammps_library
+
+    monkeypatch.setattr(lammps_library, "available", lambda: (False, "LAMMPS cannot be loaded"))
+    line = complaint(command, "drag_relaxation", "--engine", "lammps")
+    assert "LAMMPS cannot be loaded" in line
+
+
+def test_a_state_that_stops_being_finite_exits_1_names_particle_and_time_and_keeps_the_run(here):
+    """A speed of 1e200 m/s makes the drag overflow; the folder is there, and not complete."""
+    path = case_file(here, "velocity =", "velocity = [1e200, 0, 0] #")
+    result = call("run", path, "--out", "mine")
+    assert result.exit_code == 1
+    assert "Traceback" not in result.stderr
+    assert "particle 0" in result.stderr
+    assert " s" in result.stderr
+    assert Run.load("mine").provenance["complete"] is False
+
+
+@pytest.mark.parametrize(
+    "entry, said",
+    [
+        ("drag_relaxation", "CASE=FILE"),
+        ("swarm=in.mine", "drag_relaxation"),
+        ("drag_relaxation=in.absent", "no such file"),
+    ],
+)
+def test_a_bad_deck_option_is_one_line(entry, said, here):
+    assert said in complaint("compare", "drag_relaxation", "--deck", entry)
+
+
+def test_wrong_options_exit_2():
+    assert call("compare", "--profile", "fast").exit_code == 2
+    assert call("run").exit_code == 2
+    assert call("polish").exit_code == 2
+
+
+# compare
+
+
+def test_compare_writes_a_report_and_says_where(here):
+    result = call("compare", "drag_relaxation", "--engine", "reference", "--out", "report")
+    assert result.exit_code == 0, result.stderr
+    assert "report: report/index.html" in result.stdout
+    assert sorted(path.name for path in Path("report").iterdir()) == sorted(outputs.REPORT_ENTRIES)
+    document = json.loads(Path("report/report.json").read_text("utf-8"))
+    assert document["schema"] == "cmpcheck-report/1"
+    assert {row["case"] for row in document["comparisons"]} == {"drag_relaxation"}
+    assert {row["engine"] for row in document["comparisons"]} == {"reference"}
+
+
+def test_a_report_is_replaced_and_other_files_beside_it_stay(tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "old").touch()
+    (tmp_path / "report.json").write_text('{"schema": "cmpcheck-report/1"}', "utf-8")
+    (tmp_path / "picture.png").touch()
+    staging = outputs.stage_report(tmp_path, force=False)
+    (staging / "report.json").write_text("new", "utf-8")
+    (staging / "data").mkdir()
+    assert (tmp_path / "data" / "old").exists()
+    outputs.publish_report(staging, tmp_path)
+    assert (tmp_path / "report.json").read_text("utf-8") == "new"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "picture.png", "report.json"]
+    assert not any((tmp_path / "data").iterdir())
+
+
+@pytest.mark.parametrize("name, text", [("report.json", '{"schema": "other/1"}'), ("letter.txt", "precious")])
+def test_a_folder_with_other_files_is_no_place_for_a_report_without_force(tmp_path, name, text):
+    (tmp_path / name).write_text(text, "utf-8")
+    with pytest.raises(outputs.OutputError, match=name):
+        outputs.stage_report(tmp_path, force=False)
+    assert outputs.stage_report(tmp_path, force=True).is_dir()
+    assert (tmp_path / name).read_text("utf-8") == text
+
+
+def test_what_an_interrupted_comparison_left_does_not_stand_in_the_way(tmp_path):
+    folder = tmp_path / "latest"
+    (outputs.stage_report(folder, force=False) / "data").touch()
+    assert not any(outputs.stage_report(folder, force=False).iterdir())
+
+
+def test_an_interrupted_comparison_exits_130_and_leaves_the_earlier_report(here, monkeypatch):
+    import cmpcheck.suite
+
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    Path("report").mkdir()
+    Path("report/report.json").write_text('{"schema": "cmpcheck-report/1"}', "utf-8")
+    monkeypatch.setattr(cmpcheck.suite, "run_suite", interrupt)
+    result = call("compare", "drag_relaxation", "--out", "report")
+    assert result.exit_code == 130
+    assert "cmpcheck: interrupted: report is as it was" in result.stderr
+    assert Path("report/report.json").read_text("utf-8") == '{"schema": "cmpcheck-report/1"}'
+
+
+def test_a_comparison_that_cannot_begin_leaves_no_folder(here, monkeypatch):
+    from reference.case import CaseError
+
+    def refuse(*arguments):
+        raise CaseError("mine.toml: no")
+
+    monkeypatch.setattr("cmpcheck.suite.run_suite", refuse)
+    assert "mine.toml: no" in complaint("compare", "drag_relaxation", "--out", "report")
+    assert not Path("report").exists()
+
+
+def test_a_case_named_twice_is_bad_input(here):
+    assert "named twice" in complaint("compare", "drag_relaxation", "drag_relaxation")
+
+
+# deck
+
+
+@pytest.mark.parametrize(
+    "arguments, passed",
+    [
+        (["in.mine", "-var", "e", "0.5"], ["-in", "in.mine", "-var", "e", "0.5"]),
+        (["-in", "in.mine", "-log", "none"], ["-in", "in.mine", "-log", "none"]),
+        (["-screen", "none", "-i", "in.mine"], ["-screen", "none", "-i", "in.mine"]),
+    ],
+)
+def test_deck_takes_a_file_first_or_the_flags_of_lmp(arguments, passed, monkeypatch):
+    received = []
+    monkeypatch.setattr("cmpcheck.deck.run_deck", lambda flags: received.extend(flags) or 3)
+    assert call("deck", *arguments).exit_code == 3
+    assert received == passed
+
+
+@pytest.mark.parametrize("arguments", [[], ["-log", "none"], ["in.absent"], ["-in", "in.absent"]])
+def test_deck_without_a_deck_is_one_line(arguments, here):
+    complaint("deck", *arguments)
+
+
+# the wheel
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The wheel, unpacked as an installation does."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([sys.executable, "-m", "zipfile", "-e", str(wheel), str(folder / "site")], check=True)
+    return folder / "site"
+
+
+def test_the_wheel_holds_every_case_deck_and_template(site):
+    for held, source in (
+        ("reference/cases", "reference/cases"),
+        ("cmpcheck/lammps_inputs", "lammps_inputs"),
+        ("cmpcheck/templates", "cmpcheck/templates"),
+    ):
+        shipped = {path.name for path in (ROOT / source).iterdir() if path.is_file()}
+        assert {path.name for path in (site / held).iterdir()} == shipped
+
+
+def test_an_unpacked_wheel_runs_a_case_from_any_folder(site, here):
+    """Without the checkout on the path, and without compiling: the wheel has no compiled code to bring."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(site)!r})\n"
+        "import cmpcheck, reference\n"
+        f"assert all(m.__file__.startswith({str(site)!r}) for m in (cmpcheck, reference))\n"
+        "from cmpcheck.cli import app\n"
+        "app(['run', 'pair_slip'])\n"
+    )
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert Run.load("runs/pair_slip").provenance["complete"] is True
