@@ -249,11 +249,12 @@ def init(
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Progress]:
-    """Bars on standard error, which an error wipes away so that its line stands alone."""
+    """Bars on a terminal's standard error, which an error wipes away so that its line stands alone."""
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True)) as bars:
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bars:
         try:
             yield bars
         except BaseException:

@@ -40,11 +40,20 @@ def run_deck(arguments: Sequence[str], comm: Any = None) -> int:
     except (OSError, UnicodeDecodeError) as error:
         raise CaseError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
     _require_known_variables(deck, flags)
-    lmp = open_lammps([*flags, "-var", "driver", DRIVER] if deck.external_fix else flags, comm)
+    try:
+        lmp = open_lammps([*flags, "-var", "driver", DRIVER] if deck.external_fix else flags, comm)
+    except EngineError:
+        raise
+    except RuntimeError:  # LAMMPS has printed why
+        raise CaseError(f"{path}: LAMMPS refuses the flags {' '.join(flags)}") from None
     try:
         _run(lmp, deck)
         if lmp.extract_global("ntimestep") == 0:
             raise EngineError(f"{path}: nothing was simulated: no run command was reached, or it had 0 steps")
+    except (EngineError, CaseError):
+        if lmp.extract_setting("world_rank") > 0:
+            return 1  # rank 0 has the same error, and says it
+        raise
     finally:
         lmp.close()
     return 0
@@ -106,18 +115,21 @@ def _attach(lmp: Any, deck: Deck) -> SlurryFix:
                 f"{deck.path}: {atoms} atoms, but the case {case.name} has {len(modulus)} particles of several materials"
             )
         modulus = np.full(atoms, modulus[0])
-    fix = SlurryFix(
-        lmp,
-        deck.external_fix or "",
-        setup.model,
-        modulus,
-        setup.state.heights,
-        form=_variable(lmp, "form") or "soft",
-        contact_duration=float(_variable(lmp, "contact_duration") or 0.0) * MICRO,
-        observe_pairs=atoms > 1,
-        case=str(deck.path),
-    )
-    fix.attach()
+    try:
+        fix = SlurryFix(
+            lmp,
+            deck.external_fix or "",
+            setup.model,
+            modulus,
+            setup.state.heights,
+            form=_variable(lmp, "form") or "soft",
+            contact_duration=float(_variable(lmp, "contact_duration") or 0.0) * MICRO,
+            observe_pairs=atoms > 1,
+            case=str(deck.path),
+        )
+        fix.attach()
+    except EngineError as error:
+        raise EngineError(f"{deck.path}: {error}") from None
     return fix
 
 

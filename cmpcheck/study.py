@@ -85,7 +85,7 @@ def engine_study(engine: Engine, judge: Judge, setup: Setup, profile: str, form:
     for resolution in [*by_step, *(by_duration if soft else [])]:
         if resolution not in runs:
             runs[resolution] = _level(engine, judge, setup, resolution)
-    study = Study(engine.name, form)
+    study = Study(engine.name, form if judge.has_surface_contact else "")
     if soft:
         study.series["contact duration"] = [runs[resolution] for resolution in by_duration]
     study.series["time step"] = [runs[resolution] for resolution in by_step]

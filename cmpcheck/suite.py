@@ -105,13 +105,19 @@ def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
         name=case.name,
         title=case.case.title,
         sentence=case.case.description,
-        equations=", ".join(dict.fromkeys(part for row in rows for part in row.equations.split(", "))),
+        equations=_equations(rows),
         comparisons=rows,
         convergences=[record for outcome in outcomes for record in outcome.convergences],
         traces=[trace for outcome in outcomes for trace in outcome.traces],
         notes=list(dict.fromkeys(note for outcome in outcomes for note in outcome.notes)),
         seconds=sum(outcome.seconds for outcome in outcomes),
     )
+
+
+def _equations(rows: list[Comparison]) -> str:
+    """Every equation that the rows name, in the paper's order."""
+    parts = {part for row in rows for part in row.equations.split(", ") if part}
+    return ", ".join(sorted(parts, key=lambda part: [int(number) for number in part.split("-")]))
 
 
 def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]]:

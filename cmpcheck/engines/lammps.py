@@ -115,8 +115,13 @@ def _simulate(
     for k in range(len(setup.output_times) - 1):
         lmp.command(f"run {stride} {'pre no ' if k else ''}post no")
         fix.check()
-        surfaces.append(fix.heights.copy() if fix.heights.size else fix.heights)
-    return _recorded(setup, resolution, fix, surfaces, time_step)
+        surfaces.append(fix.heights.copy())
+    run = _recorded(setup, resolution, fix, surfaces, time_step)
+    if native and setup.model.has_surface:
+        lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
+        if lowest.min() < setup.state.heights.max():
+            raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
+    return run
 
 
 def _recorded(

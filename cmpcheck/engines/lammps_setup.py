@@ -25,6 +25,7 @@ VISCOSITY = 1e-3  # Pa s in pg/(um us)
 
 EXTERNAL_FIX = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+external[ \t]+pf/callback\b.*$", re.MULTILINE)
 DRIVER_LINE = re.compile(r"^[ \t]*if[ \t]+\"\$\{driver\}", re.MULTILINE)
+QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+\d+)?([ \t]*(?:#.*)?$|")')
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Deck:
     def definitions(self) -> str:
         """What stands above the line `if "${driver}`: box, styles and fixes, but no atoms.
 
+        A `quit` in it, which would end this process, becomes an unknown command, which LAMMPS reports.
         Raises EngineError when there is no such line.
         """
         match = DRIVER_LINE.search(self.text)
@@ -57,7 +59,7 @@ class Deck:
                 f'{self.path}: no line begins with  if "${{driver}}  : cmpcheck reads a deck down to there; put it '
                 "between the definitions (box, styles, fixes) and the atoms, as in the decks that ship"
             )
-        return self.text[: match.start()]
+        return QUIT.sub(r"\1cmpcheck_quit\3", self.text[: match.start()])
 
     def around_fix(self) -> tuple[str, str]:
         """The deck down to its external fix, included, and the rest."""

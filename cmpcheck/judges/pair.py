@@ -27,7 +27,7 @@ def _trajectory(setup: Setup, position: np.ndarray, times: np.ndarray) -> exact.
 class PairJudge:
     """Judges one collision of two spheres by momentum, restitution and friction."""
 
-    copies = 16
+    copies = 32
     has_surface_contact = False
     refines_contact = True
 

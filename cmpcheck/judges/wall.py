@@ -78,7 +78,7 @@ def fly(setup: Setup, surface: Heightfield, position: np.ndarray) -> Flight:
 class WallJudge:
     """Judges impacts on a flat wall or on asperities by momentum balance, geometry and quadrature."""
 
-    copies = 16
+    copies = 32
     has_surface_contact = True
     refines_contact = True
 
