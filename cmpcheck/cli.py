@@ -119,6 +119,7 @@ def compare(
     from cmpcheck import outputs
     from cmpcheck.report import exit_code, summary_table, write_report
     from cmpcheck.suite import run_suite
+    from cmpcheck.verdicts import headline
     from reference.case import available_cases, load_case
 
     names = cases or available_cases()
@@ -149,6 +150,7 @@ def compare(
         raise
     console = Console()
     console.print(summary_table(result))
+    console.print(headline(result), highlight=False)
     console.print(f"report: {out / 'index.html'}", soft_wrap=True, highlight=False)
     raise typer.Exit(exit_code(result, strict))
 

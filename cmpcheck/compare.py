@@ -30,7 +30,11 @@ def measured_by_key(level: Level) -> dict[Key, Measured]:
 def limits(study: Study) -> dict[Key, Extrapolation]:
     """What every quantity tends to, as far as all levels have it; a second series adds its correction."""
     tables = {name: [measured_by_key(level) for level in levels] for name, levels in study.series.items()}
-    shared = [key for key in measured_by_key(study.finest) if all(key in t for rows in tables.values() for t in rows)]
+    shared = [
+        key
+        for key in measured_by_key(study.finest)
+        if all(key in t for rows in tables.values() for t in rows)
+    ]
     return {key: _limit(study, tables, key) for key in shared}
 
 
@@ -88,7 +92,7 @@ def convergences(case: Case, study: Study, found: dict[Key, Extrapolation]) -> l
 
 
 def compare_study(case: Case, study: Study, reference: dict[Key, Extrapolation] | None) -> list[Comparison]:
-    """The rows of one study: the reference's against the exact values, others' against the reference's limits."""
+    """The rows of one study: the reference's against exact values, others' against its limits."""
     found = limits(study)
     rows = []
     for key, finest in measured_by_key(study.finest).items():
@@ -128,10 +132,20 @@ def _judge_rounding(blank: Comparison, study: Study, key: Key) -> Comparison:
     value = float(worst.values[np.abs(worst.values - worst.expected).argmax()])
     error = abs(value - worst.expected)
     counted = worst.quantity == "impacts"
-    reason = "a count, equal in every copy and on every level" if counted else "bound of the rounding error of the run"
+    reason = (
+        "a count, equal in every copy and on every level"
+        if counted
+        else "bound of the rounding error of the run"
+    )
     status = "agree" if error <= worst.rounding else "disagree"
     return replace(
-        blank, measured=value, error=error, tolerance=worst.rounding, kind="rounding", reason=reason, status=status
+        blank,
+        measured=value,
+        error=error,
+        tolerance=worst.rounding,
+        kind="rounding",
+        reason=reason,
+        status=status,
     )
 
 

@@ -1,6 +1,6 @@
 """`cmpcheck deck`: run a LAMMPS deck as `lmp` would, with the Python fix attached to it.
 
-The deck is read in two parts, with `SlurryFix` attached after its line `fix ID group external pf/callback ...`.
+The deck is read in two parts; `SlurryFix` is attached after its line `fix ID group external pf/callback`.
 Comparing a deck with the reference is `engines/lammps.py`.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +25,16 @@ from reference.toml_source import nearest
 DRIVER = "cmpcheck_deck"
 SUCCESSFUL_QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+0)?([ \t]*(?:#.*)?$|")')
 SHOWN = 10  # contacts
-COLUMNS = ("time", "i", "approach_speed", "normal_impulse", "load", "yield_radius", "removed_volume", "removed_mass")
+COLUMNS = [
+    "time", "i", "approach_speed", "normal_impulse", "load", "yield_radius", "removed_volume", "removed_mass",
+]  # fmt: skip
 
 
 def run_deck(arguments: Sequence[str], comm: Any = None) -> int:
     """Run a deck with the flags that `lmp` takes; 0 when it has simulated something.
 
-    The deck's variables `case` (name or .toml file; default the FILE of `in.FILE`), `variant` (default the first)
-    and `form` (soft | impulse) say what the fix does, `contact_duration` (us) how long a soft contact lasts.
+    The deck's variables `case` (name or .toml file; default the NAME of `in.NAME`), `variant` (default the
+    first), `form` (soft | impulse) and `contact_duration` (us, of a soft contact) say what the fix does.
     Raises CaseError (bad input) and EngineError (the run has failed), one line naming the file.
     """
     path, flags = _input_file(arguments)
@@ -74,7 +77,7 @@ def _input_file(arguments: Sequence[str]) -> tuple[Path, list[str]]:
 def _require_known_variables(deck: Deck, flags: list[str]) -> None:
     """A variable that the deck never reads is a mistake, which LAMMPS would not notice."""
     declared = set(re.findall(r"(?m)^[ \t]*variable[ \t]+(\w+)", deck.text))
-    for flag, name in zip(flags, flags[1:], strict=False):
+    for flag, name in pairwise(flags):
         if flag in ("-var", "-v") and name not in declared:
             raise CaseError(f"{deck.path}: -var {name}: unknown variable; {nearest(name, sorted(declared))}")
 
@@ -93,14 +96,14 @@ def _run(lmp: Any, deck: Deck) -> None:
     contacts = fix.contacts()
     lines = [f"cmpcheck: {len(contacts)} contacts; SI units"]
     if len(contacts):
-        table = contacts.loc[: SHOWN - 1, list(COLUMNS)]
+        table = contacts.loc[: SHOWN - 1, COLUMNS]
         lines += table.to_string(index=False, float_format="{:.6g}".format).splitlines()
     for line in lines:
         lmp.command(f'print "{line}"')  # to screen and log, as the flags say
 
 
 def _return_to_caller(part: str) -> str:
-    """The part with `quit` (successful) turned into the end of the input, so that the checks after it happen."""
+    """The part with a successful `quit` turned into the end of the input, for the checks that follow."""
     return SUCCESSFUL_QUIT.sub(r"\1jump /dev/null\3", part)
 
 
@@ -112,7 +115,8 @@ def _attach(lmp: Any, deck: Deck) -> SlurryFix:
     if atoms != len(modulus):
         if np.ptp(modulus) > 0.0:
             raise EngineError(
-                f"{deck.path}: {atoms} atoms, but the case {case.name} has {len(modulus)} particles of several materials"
+                f"{deck.path}: {atoms} atoms, but the case {case.name} has {len(modulus)} particles, of "
+                "several materials"
             )
         modulus = np.full(atoms, modulus[0])
     try:

@@ -77,8 +77,8 @@ def compare_ledgers(
 ) -> tuple[Comparison, str]:
     """The row on the order of contacts, and a sentence; both studies gain quantities up to the horizon.
 
-    Added to every level: mean normal and friction impulse of the contacts before the horizon, and the distance
-    to the reference's extrapolated positions at the last output before it.
+    Added to every level: mean normal and friction impulse of the contacts before the horizon, and the
+    distance to the reference's extrapolated positions at the last output before it.
     """
     (ours, our_horizon), (theirs, their_horizon) = reference, other
     end = float(ours.finest.run.times[-1])
@@ -90,9 +90,14 @@ def compare_ledgers(
     status, reason = "agree", "every particle meets the same partners in the same order before the horizon"
     if parting.time < horizon:
         status = "disagree"
-        reason = f"the engines part at {parting.time * 1e9:.1f} ns, at the contact of {parting.i} and {parting.j}"
+        reason = (
+            f"the engines part at {parting.time * 1e9:.1f} ns, at the contact of {parting.i} and {parting.j}"
+        )
     elif expected < FEWEST_CONTACTS:
-        status, reason = "not_tested", f"only {expected} contacts before the horizon; a denser case would test it"
+        status, reason = (
+            "not_tested",
+            f"only {expected} contacts before the horizon; a denser case would test it",
+        )
     row = Comparison(
         case=case.name,
         variant=case.variant,
@@ -117,11 +122,14 @@ def compare_ledgers(
 def _sentence(ours: Study, our_horizon: Parting, theirs: Study, their_horizon: Parting, end: float) -> str:
     def until(study: Study, parting: Parting) -> str:
         if parting.time >= end:
-            return f"{study.engine}'s own runs (levels, and a twin one unit in the last place away) never part"
+            return (
+                f"{study.engine}'s own runs (levels, and a twin one unit in the last place away) never part"
+            )
         where = f"the contact of {parting.i} and {parting.j}"
         return f"{study.engine}'s own runs part at {parting.time * 1e9:.1f} ns, at {where}"
 
-    return f"Horizon: {until(ours, our_horizon)}; {until(theirs, their_horizon)}; the run ends at {end * 1e9:.0f} ns."
+    both = f"{until(ours, our_horizon)}; {until(theirs, their_horizon)}"
+    return f"Horizon: {both}; the run ends at {end * 1e9:.0f} ns."
 
 
 def _occurrences(contacts: pd.DataFrame, horizon: float) -> pd.DataFrame:

@@ -7,6 +7,7 @@ happen to be.  Copies whose particles start a fraction of a step earlier or late
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,9 @@ def tile(setup: Setup, copies: int, time_step: float) -> Setup:
     """
     state, model = setup.state, setup.model
     shift = ((np.arange(copies) + 0.5) / copies - 0.5) * time_step
-    together = state.position.copy()  # every particle at its image nearest to the first, so that no copy is split
+    together = (
+        state.position.copy()
+    )  # every particle at its image nearest to the first, so that no copy is split
     together[:, 0] -= model.length_x * np.round((together[:, 0] - together[:1, 0]) / model.length_x)
     position = together + shift[:, np.newaxis, np.newaxis] * state.velocity
     position[:, :, 0] += np.arange(copies)[:, np.newaxis] * model.length_x
@@ -30,7 +33,7 @@ def tile(setup: Setup, copies: int, time_step: float) -> Setup:
     periods = np.array([copies * model.length_x, model.length_y, model.length_z])
     for axis in np.flatnonzero(periods):
         position[:, axis] %= periods[axis]
-    repeated = {
+    repeated: dict[str, Any] = {
         name: np.tile(getattr(state, name), (copies, 1) if name == "velocity" else copies)
         for name in ("velocity", "mass", "diameter", "modulus")
     }

@@ -27,7 +27,8 @@ def kinetic_energy(run: Run, frame: int, copies: int) -> np.ndarray:
 def momentum_change(run: Run, copies: int) -> np.ndarray:
     """Magnitude of the change of total momentum over the run, N s."""
     first, last = (
-        (split(run.masses[k], copies)[..., np.newaxis] * split(run.velocities[k], copies)).sum(axis=1) for k in (0, -1)
+        (split(run.masses[k], copies)[..., np.newaxis] * split(run.velocities[k], copies)).sum(axis=1)
+        for k in (0, -1)
     )
     return np.linalg.norm(last - first, axis=1)
 
@@ -50,7 +51,8 @@ def mass_gained(run: Run, copies: int) -> np.ndarray:
 
 def volume_lost(run: Run, copies: int) -> np.ndarray:
     """Volume that the surface has lost over the run, m3."""
-    assert run.surface is not None and run.surface_initial is not None
+    assert run.surface is not None
+    assert run.surface_initial is not None
     pairs = zip(surfaces(run.surface_initial, copies), surfaces(run.surface, copies), strict=True)
     return np.array([before.spacing**2 * float((before.z - after.z).sum()) for before, after in pairs])
 

@@ -70,7 +70,7 @@ def reference_study(engine: Engine, judge: Judge, setup: Setup, profile: str) ->
 
 
 def engine_study(engine: Engine, judge: Judge, setup: Setup, profile: str, form: str) -> Study:
-    """Another engine: where contacts are soft, halved contact durations, and time steps at the shortest one."""
+    """Another engine: contact durations where contacts are soft, and time steps at the shortest one."""
     duration, steps_per_contact = contact_settings(setup.case, engine.name)
     halvings = 2 ** (LEVELS[profile] - 1)
     interval = float(setup.output_times[1])
@@ -79,7 +79,8 @@ def engine_study(engine: Engine, judge: Judge, setup: Setup, profile: str, form:
     coarse = interval / math.ceil(interval * steps_per_contact / shortest)
     by_step = [Resolution(coarse / 2**k, shortest, form) for k in range(LEVELS[profile])]
     by_duration = [
-        Resolution(by_step[-1].time_step * 2**k, shortest * 2**k, form) for k in reversed(range(LEVELS[profile]))
+        Resolution(by_step[-1].time_step * 2**k, shortest * 2**k, form)
+        for k in reversed(range(LEVELS[profile]))
     ]
     runs: dict[Resolution, Level] = {}
     for resolution in [*by_step, *(by_duration if soft else [])]:

@@ -1,7 +1,7 @@
 """Cases x engines -> results: which studies are run, in how many processes, and what becomes of failures.
 
-A task is one variant of one case in every engine.  A task that fails becomes rows with the status `error`; the
-others go on.
+A task is one variant of one case in every engine.  A task that fails becomes rows with the status `error`;
+the others go on.
 """
 
 from __future__ import annotations
@@ -72,13 +72,16 @@ def run_suite(
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare.
 
-    Parameters: names or files of cases; names of engines, or None for all that are there; profile quick | full;
-    the folder that gets data/; number of processes; LAMMPS decks by case; a callback for progress.
+    Parameters: names or files of cases; names of engines, or None for all that are there; profile
+    quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
+    progress.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
     loaded = [load_case(name) for name in cases]
-    infos = [make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)]
+    infos = [
+        make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)
+    ]
     others = tuple(info.name for info in infos if info.available and info.name != "reference")
     tasks = []
     for case in loaded:
@@ -95,7 +98,9 @@ def run_suite(
         if progress is not None:
             done = sum(name == task.case.name for name, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
-    results = [_case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded]
+    results = [
+        _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
+    ]
     return SuiteResult(profile, infos, results, provenance.collect(loaded), time.perf_counter() - begin)
 
 
@@ -145,7 +150,9 @@ def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]
 def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:
     case = task.case.variants()[task.variant]
     nan = float("nan")
-    return Comparison(case.name, case.variant, engine, "run", "", "1", nan, nan, nan, nan, "precision", reason, status)
+    return Comparison(
+        case.name, case.variant, engine, "run", "", "1", nan, nan, nan, nan, "precision", reason, status
+    )
 
 
 def run_task(task: Task) -> Outcome:
@@ -185,7 +192,9 @@ def run_task(task: Task) -> Outcome:
                 outcome.comparisons.append(_failed(task, name, f"{form}: {problem}"))
                 continue
             outcome.comparisons += compare_study(case, theirs, limits(ours))
-            outcome.traces += judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
+            outcome.traces += (
+                judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
+            )
             _keep(task, theirs, outcome)
     outcome.convergences += convergences(case, ours, limits(ours))
     outcome.seconds = time.perf_counter() - begin

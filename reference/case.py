@@ -110,7 +110,7 @@ class Case(Section):
             raise self.error(key, value, str(problem)) from None
 
     def error(self, key: str, value: object, allowed: str) -> CaseError:
-        """The error to raise for an entry that is found wrong later; `key` is a path such as `particle.0.position`."""
+        """The error to raise for an entry found wrong later; `key` is such as `particle.0.position`."""
         path = tuple(int(part) if part.isdigit() else part for part in key.split("."))
         return self._source.error(path, value, allowed)
 

@@ -46,7 +46,9 @@ def drag_on(model, pad_height, z, vx, vy, vz, diameter):
 
 
 @kernel
-def collide_pairs(model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, impulse, rows, row):
+def collide_pairs(
+    model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, impulse, rows, row
+):
     """Add the impulses of all colliding pairs to `impulse` (N, 3); return the next free ledger row.
 
     Paper: Eqs. (9), (12)-(19); contact where |r_ij| < (d_i + d_j)/2 and v_in > v_jn.
@@ -111,7 +113,11 @@ def collide_pairs(model, dt, time, pad_height, pairs, position, velocity, mass, 
         out[col.Y] = position[i, 1] + 0.5 * diameter[i] * ny
         out[col.Z] = position[i, 2] + 0.5 * diameter[i] * nz
         out[col.NX], out[col.NY], out[col.NZ] = nx, ny, nz
-        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE], out[col.FRICTION_IMPULSE] = -separation, normal, friction
+        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE], out[col.FRICTION_IMPULSE] = (
+            -separation,
+            normal,
+            friction,
+        )
         out[col.DURATION], out[col.LOAD] = delta_t, normal / delta_t
         out[col.EXTERNAL_FORCE] = e_in / m_i - e_jn / m_j
         out[col.CONTACT_TIME], out[col.ENERGY_LOST] = within, lost
@@ -146,7 +152,23 @@ def record_surface_impact(model, pad_height, time, i, hit, position, velocity, m
 
 
 @kernel
-def collide_surface(model, dt, time, pad_height, position, velocity, mass, diameter, modulus, heights, highest, impulse, picked_up, rows, row):
+def collide_surface(
+    model,
+    dt,
+    time,
+    pad_height,
+    position,
+    velocity,
+    mass,
+    diameter,
+    modulus,
+    heights,
+    highest,
+    impulse,
+    picked_up,
+    rows,
+    row,
+):
     """Add the impulses of the surface to `impulse`, and the mass picked up to `picked_up` (N,).
 
     Paper: Eqs. (29)-(31); contact where the surface is nearer than R or the centre below it, and v.n < 0.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from reference.compiled import broadcast, formula
 
@@ -50,7 +51,14 @@ def _friction_impulse_per_slip(mass_i, mass_j, slip_speed, normal_impulse, stati
     )
 
 
-def pair_friction_impulse(mass_i, mass_j, slip, normal_impulse, static_friction, dynamic_friction):
+def pair_friction_impulse(
+    mass_i: ArrayLike,
+    mass_j: ArrayLike,
+    slip: ArrayLike,
+    normal_impulse: ArrayLike,
+    static_friction: float,
+    dynamic_friction: float,
+) -> np.ndarray:
     """Friction impulse on particle i, shape (..., 3), in N s; particle j receives the opposite.
 
     Paper: Eqs. (14)-(18).  `slip` (..., 3) in m/s is w = v_jt - v_it - (E_it/m_i - E_jt/m_j) delta t, the

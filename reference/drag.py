@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from reference.compiled import broadcast, formula
 from reference.state import FLOW_COUETTE, FLOW_UNIFORM, Model
@@ -53,11 +54,17 @@ def drag_factor(slip_speed, diameter, fluid_density, viscosity):
 
 
 @broadcast
-def _broadcast_drag_factor(slip_speed, diameter, fluid_density, viscosity):
+def _broadcast_drag_factor(slip_speed, diameter, fluid_density, viscosity):  # type: ignore[no-untyped-def]
     return drag_factor(slip_speed, diameter, fluid_density, viscosity)
 
 
-def drag_force(fluid_velocity, velocity, diameter, fluid_density, viscosity):
+def drag_force(
+    fluid_velocity: ArrayLike,
+    velocity: ArrayLike,
+    diameter: ArrayLike,
+    fluid_density: ArrayLike,
+    viscosity: ArrayLike,
+) -> np.ndarray:
     """Drag force of the fluid on spheres, shape (..., 3), in N.
 
     Paper: Eqs. (20)-(22).  Velocities (..., 3) in m/s, the others (...) in SI; everything broadcasts.

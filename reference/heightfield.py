@@ -8,8 +8,10 @@ point, volume, lowering of nodes, asperities and flatness; not when and how much
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from reference.compiled import kernel
 from reference.triangle import closest_point_on_triangle
@@ -118,7 +120,7 @@ class Heightfield:
     2.0
     """
 
-    def __init__(self, z, spacing: float):
+    def __init__(self, z: ArrayLike, spacing: float) -> None:
         self.z = np.array(z, dtype=np.float64, order="C")
         self.spacing = float(spacing)
         if self.z.ndim != 2 or self.z.size == 0 or not np.isfinite(self.z).all():
@@ -126,35 +128,39 @@ class Heightfield:
         if not (math.isfinite(self.spacing) and self.spacing > 0.0):
             raise ValueError(f"spacing must be positive, got {spacing}")
 
-    def height(self, x, y):
+    def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         """Height at (x, y), in m; arrays broadcast."""
         points = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        flat = [height_at(self.z, self.spacing, a, b) for a, b in zip(*(p.ravel() for p in points), strict=True)]
+        flat = [
+            height_at(self.z, self.spacing, a, b) for a, b in zip(*(p.ravel() for p in points), strict=True)
+        ]
         return np.reshape(flat, points[0].shape)[()]
 
     def volume(self) -> float:
         """Integral of z over one period, h^2 times the sum of the heights, in m3."""
         return float(self.spacing**2 * self.z.sum())
 
-    def closest_point(self, point, radius):
+    def closest_point(
+        self, point: Sequence[float] | np.ndarray, radius: float
+    ) -> tuple[np.ndarray, float, int] | None:
         """Closest point of the triangles within `radius`: (point (3,), distance, triangle), or None."""
         px, py, pz = (float(c) for c in point)
         found, qx, qy, qz, distance, triangle = closest_point(self.z, self.spacing, px, py, pz, float(radius))
         return (np.array([qx, qy, qz]), distance, int(triangle)) if found else None
 
-    def remove_volume(self, x, y, volume) -> None:
+    def remove_volume(self, x: float, y: float, volume: float) -> None:
         """Take exactly `volume` (m3) off the three nodes of the triangle at (x, y).
 
         Departure: the paper does not say where the material is taken from.
         """
         remove_volume(self.z, self.spacing, float(x), float(y), float(volume))
 
-    def lower_node(self, x, y, depth) -> None:
+    def lower_node(self, x: float, y: float, depth: float) -> None:
         """Lower the node nearest to (x, y) by `depth` (m), as the paper's pictures imply."""
         lower_node(self.z, self.spacing, float(x), float(y), float(depth))
 
 
-def raise_squares(nodes: int, size: float, height: float, corners) -> Heightfield:
+def raise_squares(nodes: int, size: float, height: float, corners: Iterable[Sequence[int]]) -> Heightfield:
     """A flat surface of `nodes` x `nodes` with squares of four nodes raised to `height` (m).
 
     Paper: Section 4.  `corners` (n, 2) holds the lower-left node of each square; squares are periodic.
@@ -165,7 +171,9 @@ def raise_squares(nodes: int, size: float, height: float, corners) -> Heightfiel
     return Heightfield(z, size / nodes)
 
 
-def asperity_surface(nodes: int, size: float, height: float, density: float, rng) -> Heightfield:
+def asperity_surface(
+    nodes: int, size: float, height: float, density: float, rng: np.random.Generator
+) -> Heightfield:
     """A random rough surface: N_a = rho_a n^2 squares of four nodes raised to h_a, which may overlap.
 
     Paper: Section 4, with rho_a = 2 N_a/N_e and two elements per square, N_e = 2 n^2.
@@ -174,7 +182,7 @@ def asperity_surface(nodes: int, size: float, height: float, density: float, rng
     return raise_squares(nodes, size, height, rng.integers(0, nodes, size=(round(density * nodes**2), 2)))
 
 
-def flatness(z, z_initial, z_target, exponent) -> float:
+def flatness(z: ArrayLike, z_initial: ArrayLike, z_target: float, exponent: float) -> float:
     """Cost Pi of a surface: 1 at the start, 0 when every node has reached the target height.
 
     Paper: Eq. (44).  Heights in m, any shape; exponent q > 0.

@@ -94,7 +94,7 @@ def neighbor_pairs(position, cutoff, periods):
     """
     n = position.shape[0]
     low, cell, counts = np.zeros(3), np.ones(3), np.ones(3, np.int64)
-    most = max(1, int(math.ceil(n ** (1.0 / 3.0))) * 2)  # cells per axis: bounded memory for sparse systems
+    most = max(1, math.ceil(n ** (1.0 / 3.0)) * 2)  # cells per axis: bounded memory for sparse systems
     for axis in range(3):
         extent = periods[axis]
         if extent == 0.0 and n > 0:

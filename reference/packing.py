@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from reference.compiled import kernel
 from reference.heightfield import surface_contact
@@ -22,7 +23,20 @@ class PackingError(ValueError):
 
 @kernel
 def _insert(
-    candidates, diameter, z_low, z_high, periods, low, cell, counts, heights, spacing, head, following, position, placed
+    candidates,
+    diameter,
+    z_low,
+    z_high,
+    periods,
+    low,
+    cell,
+    counts,
+    heights,
+    spacing,
+    head,
+    following,
+    position,
+    placed,
 ):
     """Place particles from `placed` on at the first candidates that are free; return how many are placed.
 
@@ -62,7 +76,15 @@ def _insert(
     return placed
 
 
-def pack(diameter, periods, z_low, z_high, heights, spacing, rng) -> np.ndarray:
+def pack(
+    diameter: np.ndarray,
+    periods: ArrayLike,
+    z_low: ArrayLike,
+    z_high: ArrayLike,
+    heights: np.ndarray,
+    spacing: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
     """Centres (N, 3), in m, of spheres placed one by one at uniformly random free places.
 
     Parameters: diameter (N,) in m; periods (3,) in m, 0 where not periodic; limits of z for centres, each

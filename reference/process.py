@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from reference.case import Case, CaseError
+from reference.case import Case
+from reference.case_sections import Material
 from reference.contact import effective_modulus
 from reference.drag import fluid_velocity
 from reference.heightfield import Heightfield, asperity_surface, raise_squares, surface_contact
@@ -89,11 +90,11 @@ def build_surface(case: Case, rng: np.random.Generator) -> Heightfield | None:
     return asperity_surface(part.nodes, part.size, part.asperity_height, part.asperity_density, rng)
 
 
-def _plane_strain_modulus(material) -> float:
+def _plane_strain_modulus(material: Material) -> float:
     return material.youngs_modulus / (1.0 - material.poisson_ratio**2)
 
 
-def _particle_materials(case: Case, rng: np.random.Generator):
+def _particle_materials(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Diameter, density and E/(1-nu^2) of each particle, (N,) each."""
     if case.particles is None:
         materials = [case.material[p.material] for p in case.particle]
@@ -107,16 +108,19 @@ def _particle_materials(case: Case, rng: np.random.Generator):
     return diameter, density, np.array([_plane_strain_modulus(material) for material in materials])
 
 
-def build_model(case: Case, surface: Heightfield | None, diameter, density: float, modulus: float) -> Model:
+def build_model(
+    case: Case, surface: Heightfield | None, diameter: np.ndarray, density: float, modulus: float
+) -> Model:
     """The constants of a case; density and modulus of the particles set the default threshold."""
     fluid, contact, removal, pad = case.fluid, case.contact, case.removal, case.pad
     flow = FLOW_NONE if fluid is None else {"uniform": FLOW_UNIFORM, "couette": FLOW_COUETTE}[fluid.flow]
     u = fluid.velocity if fluid is not None and fluid.velocity is not None else (0.0, 0.0, 0.0)
     wafer = case.material[case.surface.material] if case.surface.material else None
     surface_modulus = _plane_strain_modulus(wafer) if wafer else 0.0
-    deposit, threshold = DEPOSIT_NONE, 0.0
+    deposit, threshold = DEPOSIT_NONE, None
     if removal is not None:
-        assert wafer is not None and wafer.yield_stress is not None
+        assert wafer is not None
+        assert wafer.yield_stress is not None
         deposit = {"volume": DEPOSIT_VOLUME, "node_depth": DEPOSIT_NODE_DEPTH}[removal.deposit]
         threshold = removal.threshold_velocity
         if threshold is None:
@@ -151,7 +155,7 @@ def build_model(case: Case, surface: Heightfield | None, diameter, density: floa
         deposit=deposit,
         acceleration=removal.acceleration if removal else 0.0,
         mass_pickup=removal.mass_pickup if removal else False,
-        threshold_velocity=threshold,
+        threshold_velocity=threshold or 0.0,
         has_pad=pad is not None,
         pad_restitution=pad.restitution if pad else 0.0,
         pad_descent=pad_descent,
@@ -159,7 +163,14 @@ def build_model(case: Case, surface: Heightfield | None, diameter, density: floa
     )
 
 
-def _place(case: Case, model: Model, diameter, heights, pad_height, streams) -> np.ndarray:
+def _place(
+    case: Case,
+    model: Model,
+    diameter: np.ndarray,
+    heights: np.ndarray,
+    pad_height: float,
+    streams: dict[str, np.random.Generator],
+) -> np.ndarray:
     """Initial centres (N, 3), packed at random or as the case gives them, and checked."""
     radius = 0.5 * diameter
     periods = np.array([model.length_x, model.length_y, model.length_z])
@@ -182,20 +193,35 @@ def _place(case: Case, model: Model, diameter, heights, pad_height, streams) -> 
     return position
 
 
-def _check_places(case: Case, model: Model, position, radius, heights, periods) -> None:
+def _check_places(
+    case: Case,
+    model: Model,
+    position: np.ndarray,
+    radius: np.ndarray,
+    heights: np.ndarray,
+    periods: np.ndarray,
+) -> None:
     """Refuse explicit particles that lie in the true surface or, jittered, in each other."""
     for k, (x, y, z) in enumerate(position if model.has_surface else ()):
         if surface_contact(heights, model.spacing, x, y, z, radius[k] * (1.0 - 1e-12))[0]:
-            raise case.error(f"particle.{k}.position", [x, y, z], "below or in the surface; allowed: above it")
+            raise case.error(
+                f"particle.{k}.position", [x, y, z], "below or in the surface; allowed: above it"
+            )
     pairs = neighbor_pairs(position, 2.0 * radius.max() * (1.0 - 1e-12), periods)
     for i, j in pairs:
         apart = position[j] - position[i]
-        apart -= np.where(periods > 0, periods, 0.0) * np.round(apart / np.where(periods > 0, periods, np.inf))
+        apart -= np.where(periods > 0, periods, 0.0) * np.round(
+            apart / np.where(periods > 0, periods, np.inf)
+        )
         if np.linalg.norm(apart) < (radius[i] + radius[j]) * (1.0 - 1e-12):
-            raise case.error(f"particle.{j}.position", list(position[j]), f"overlaps particle {i}; allowed: apart")
+            raise case.error(
+                f"particle.{j}.position", list(position[j]), f"overlaps particle {i}; allowed: apart"
+            )
 
 
-def _velocities(case: Case, model: Model, position, pad_height, rng) -> np.ndarray:
+def _velocities(
+    case: Case, model: Model, position: np.ndarray, pad_height: float, rng: np.random.Generator
+) -> np.ndarray:
     """Initial velocities: v_min + (v_max - v_min) Phi, as given, or the local velocity of the fluid."""
     if case.particles is None:
         return np.array([p.velocity for p in case.particle], dtype=float)
@@ -205,7 +231,7 @@ def _velocities(case: Case, model: Model, position, pad_height, rng) -> np.ndarr
     return np.array(low) + (np.array(high) - np.array(low)) * rng.random(position.shape)
 
 
-def _pad_step(case: Case, diameter) -> float:
+def _pad_step(case: Case, diameter: np.ndarray) -> float:
     """dt_lim = gamma d/V_pad (footnote 1 of the paper)."""
     assert case.pad is not None
     mean = case.particles.mean_diameter if case.particles else float(diameter.mean())
@@ -221,7 +247,7 @@ def _warnings(setup: Setup) -> list[str]:
         pressed = 2.0 * speed * setup.time_step / relaxation
         if model.threshold_velocity < pressed:
             notes.append(
-                f"threshold_velocity {model.threshold_velocity:.3g} m/s is below 2 U dt/tau = {pressed:.3g} m/s: "
-                "a particle pressed on the surface removes material at every step"
+                f"threshold_velocity {model.threshold_velocity:.3g} m/s is below 2 U dt/tau = "
+                f"{pressed:.3g} m/s: a particle pressed on the surface removes material at every step"
             )
     return notes

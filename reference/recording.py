@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -19,7 +20,9 @@ import numpy as np
 import pandas as pd
 
 from reference.case import Case, CaseError, load_case
+from reference.case_sections import Cost
 from reference.heightfield import Heightfield, flatness
+from reference.state import State
 
 HISTORY = (
     "time", "flatness", "pad_height", "removed_volume", "removed_mass", "kinetic_energy",
@@ -66,7 +69,9 @@ class Run:
             for name in ("surface_initial", "surface"):
                 surface = getattr(self, name)
                 if surface is not None:
-                    file.create_dataset(name, data=surface.z, track_times=False).attrs["spacing"] = surface.spacing
+                    file.create_dataset(name, data=surface.z, track_times=False).attrs["spacing"] = (
+                        surface.spacing
+                    )
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Run:
@@ -75,9 +80,10 @@ class Run:
         try:
             with h5py.File(folder / "trajectory.h5") as file:
                 arrays = {
-                    name: file[name][()] for name in ("times", "positions", "velocities", "masses", "diameters")
+                    name: file[name][()]
+                    for name in ("times", "positions", "velocities", "masses", "diameters")
                 }
-                surfaces = {
+                surfaces: dict[str, Any] = {
                     name: Heightfield(file[name][()], file[name].attrs["spacing"])
                     for name in ("surface_initial", "surface")
                     if name in file
@@ -94,14 +100,16 @@ class Run:
             raise CaseError(f"{folder}: not a run folder: {problem}") from None
 
 
-def _write(path: Path, writer) -> None:
+def _write(path: Path, writer: Callable[[Path], Any]) -> None:
     """Write to a temporary name beside `path` and rename."""
     partial = path.with_name(f".{path.name}.partial")
     writer(partial)
     os.replace(partial, path)
 
 
-def history_row(time, state, z_initial, removed_volume, removed_mass, cost) -> dict[str, float]:
+def history_row(
+    time: float, state: State, z_initial: np.ndarray, removed_volume: float, removed_mass: float, cost: Cost
+) -> dict[str, float]:
     """One row of `history` from a state; flatness is NaN where it is undefined (Eq 44)."""
     try:
         pi = flatness(state.heights, z_initial, cost.target_height, cost.exponent)

@@ -16,7 +16,16 @@ from reference.ledger import REMOVED_MASS, REMOVED_VOLUME, empty_ledger, ledger_
 from reference.process import build_setup
 from reference.recording import HISTORY, Run, basic_provenance, history_row
 from reference.state import Setup
-from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, STEP_VANISHED, Numerics, P, advance
+from reference.timestep import (
+    DONE,
+    LEDGER_FULL,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    STEP_VANISHED,
+    Numerics,
+    P,
+    advance,
+)
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
 REASONS = {
@@ -34,7 +43,9 @@ class SimulationError(RuntimeError):
         self.run = run
 
 
-def simulate(case: Case, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None) -> Run:
+def simulate(
+    case: Case, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+) -> Run:
     """Run one case (one of its `variants()`) and return what was recorded.
 
     Parameters: `out` a folder to write the run to; `progress` is called with the fraction done.
@@ -44,7 +55,9 @@ def simulate(case: Case, out: str | os.PathLike[str] | None = None, progress: Ca
     return simulate_setup(build_setup(case), out, progress)
 
 
-def simulate_setup(setup: Setup, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None) -> Run:
+def simulate_setup(
+    setup: Setup, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+) -> Run:
     """Run a setup, such as several copies of a case side by side; see `simulate`."""
     recorder = _Recorder(setup)
     try:
@@ -94,7 +107,10 @@ class _Recorder:
         part = setup.case.numerics
         self.state = replace(
             setup.state,
-            **{name: getattr(setup.state, name).copy() for name in ("position", "velocity", "mass", "heights")},
+            **{
+                name: getattr(setup.state, name).copy()
+                for name in ("position", "velocity", "mass", "heights")
+            },
         )
         self.numerics = Numerics(
             time_step=setup.time_step,
@@ -129,7 +145,12 @@ class _Recorder:
         self.frames.append((state.time, state.position.copy(), state.velocity.copy(), state.mass.copy()))
         self.history.append(
             history_row(
-                state.time, state, self.setup.state.heights, self.removed_volume, self.removed_mass, self.setup.case.cost
+                state.time,
+                state,
+                self.setup.state.heights,
+                self.removed_volume,
+                self.removed_mass,
+                self.setup.case.cost,
             )
         )
 

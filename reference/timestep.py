@@ -73,11 +73,13 @@ def drag_of(model, pad_height, z, vx, vy, vz, diameter):
 
 
 @kernel
-def solve_point_implicit(model, numerics, dt, pad_height, position, velocity, mass, diameter, impulse, gained, new_velocity):
+def solve_point_implicit(
+    model, numerics, dt, pad_height, position, velocity, mass, diameter, impulse, gained, new_velocity
+):
     """Velocities at the end of the step, into `new_velocity`; return the first particle not solved, or -1.
 
     Paper: Eqs. (37)-(39) in momentum form, (m+dm) v' = m v + J + dt k (u - v'), solved for v' with k and u
-    iterated.  Written as an increment, so that a particle moving with the fluid keeps its velocity to the bit.
+    iterated.  Written as an increment: a particle that moves with the fluid keeps its velocity to the bit.
     """
     for i in range(position.shape[0]):
         vx, vy, vz = velocity[i]
@@ -101,7 +103,9 @@ def solve_point_implicit(model, numerics, dt, pad_height, position, velocity, ma
 
 
 @kernel
-def iterate_fixed_point(model, dt, pad_height, position, velocity, mass, diameter, impulse, gained, trial, new_velocity):
+def iterate_fixed_point(
+    model, dt, pad_height, position, velocity, mass, diameter, impulse, gained, trial, new_velocity
+):
     """One sweep of the paper's iteration over all particles; return (sum of changes, of moves, of |r|).
 
     Paper: Eq. (39).  `trial` (N, 3) holds r^k, not wrapped, and `new_velocity` v^k; both become those of k+1.
@@ -154,11 +158,13 @@ def first_not_finite(velocity, position):
 
 
 @kernel
-def advance(model, numerics, progress, t_end, steps_left, position, velocity, mass, diameter, modulus, heights, rows):
+def advance(
+    model, numerics, progress, t_end, steps_left, position, velocity, mass, diameter, modulus, heights, rows
+):
     """Advance all arrays in place until `t_end`, the ledger is full, or something is wrong.
 
-    With `point_implicit` exactly `steps_left` equal steps lead to `t_end`; with `fixed_point` the step adapts.
-    `progress` holds the scalars of `Progress`.  Returns a status (DONE, LEDGER_FULL, ...).
+    With `point_implicit` exactly `steps_left` equal steps lead to `t_end`; with `fixed_point` the step
+    adapts.  `progress` holds the scalars of `Progress`.  Returns a status (DONE, LEDGER_FULL, ...).
     """
     n = position.shape[0]
     periods = np.array([model.length_x, model.length_y, model.length_z])
@@ -195,7 +201,17 @@ def advance(model, numerics, progress, t_end, steps_left, position, velocity, ma
         )  # fmt: skip
         if not numerics.fixed_point:
             culprit = solve_point_implicit(
-                model, numerics, dt, pad_height, position, velocity, mass, diameter, impulse, gained, new_velocity
+                model,
+                numerics,
+                dt,
+                pad_height,
+                position,
+                velocity,
+                mass,
+                diameter,
+                impulse,
+                gained,
+                new_velocity,
             )
             if culprit >= 0:
                 progress[P.culprit] = culprit
@@ -216,7 +232,17 @@ def advance(model, numerics, progress, t_end, steps_left, position, velocity, ma
                         highest, impulse, gained, rows, used,
                     )  # fmt: skip
                 changes, moves, distances = iterate_fixed_point(
-                    model, dt, pad_height, position, velocity, mass, diameter, impulse, gained, trial, new_velocity
+                    model,
+                    dt,
+                    pad_height,
+                    position,
+                    velocity,
+                    mass,
+                    diameter,
+                    impulse,
+                    gained,
+                    trial,
+                    new_velocity,
                 )
                 scale = distances if numerics.printed_norm else moves
                 error = changes / scale if scale > 0.0 else 0.0
@@ -260,7 +286,24 @@ def advance(model, numerics, progress, t_end, steps_left, position, velocity, ma
 
 
 @kernel
-def collide(model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, heights, highest, impulse, gained, rows, row):
+def collide(
+    model,
+    dt,
+    time,
+    pad_height,
+    pairs,
+    position,
+    velocity,
+    mass,
+    diameter,
+    modulus,
+    heights,
+    highest,
+    impulse,
+    gained,
+    rows,
+    row,
+):
     """All contacts of one instant: impulses into `impulse`, mass into `gained`; return the next free row."""
     impulse[:] = 0.0
     gained[:] = 0.0

@@ -216,11 +216,12 @@ def test_a_folder_that_cannot_be_written_is_one_line(command, here):
 
 @pytest.mark.parametrize("command", ["run", "compare"])
 def test_a_requested_engine_that_is_missing_is_bad_input(command, here, monkeypatch):
-    from cmpcheck.engines import lammps_library
+    from cmpcheck.results import EngineInfo
 
-    monkeypatch.setattr(lammps_library, "available", lambda: (False, "LAMMPS cannot be loaded"))
+    absent = EngineInfo("lammps", "", False, "LAMMPS cannot be loaded")
+    monkeypatch.setattr("cmpcheck.engines.lammps.LammpsEngine.info", lambda self: absent)
     line = complaint(command, "drag_relaxation", "--engine", "lammps")
-    assert "LAMMPS cannot be loaded" in line
+    assert "the engine lammps is missing: LAMMPS cannot be loaded" in line
 
 
 def test_a_state_that_stops_being_finite_exits_1_names_particle_and_time_and_keeps_the_run(here):

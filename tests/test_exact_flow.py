@@ -57,6 +57,18 @@ def test_iterating_the_implicit_position_has_the_fixed_point_ratio():
     close(changes[1:] / changes[:-1], exact.fixed_point_ratio(dt, tau), rtol=1e-11)
 
 
+@pytest.mark.parametrize(
+    "limit, below, above",
+    [(1.0, 24.0, 24.0), (400.0, 0.50036, 0.5), (3e5, 0.5, 0.08034), (2e6, 0.18079, 0.18)],
+)
+def test_the_table_has_its_known_jumps(limit, below, above):
+    got = [exact.drag_coefficient(limit), exact.drag_coefficient(limit * (1 + 1e-9))]
+    # values are given to five digits: half a unit of the last
+    np.testing.assert_allclose(got, [below, above], rtol=0, atol=5e-6)
+    with pytest.raises(ValueError, match="positive"):
+        exact.drag_coefficient(0.0)
+
+
 def power_law_motion(t, speed, mass, diameter, density, viscosity):
     """Slip and distance at t by integrating u' = -k u^(2+b) in closed form, row after row."""
     scale = density * diameter / viscosity

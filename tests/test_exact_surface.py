@@ -89,6 +89,12 @@ def test_the_cap_has_the_rim_and_the_volume_of_its_sphere(q):
     close(exact.cap_volume(depth, radius), below[0] * radius**3, rtol=1e-7)  # the quadrature's own error
 
 
+def test_no_load_removes_more_than_a_hemisphere():
+    cut = exact.removal(1.0, 0.45e-6, 0.3, 1e6)
+    close(cut.volume, 2 / 3 * np.pi * 0.45e-6**3)
+    assert cut.yield_radius == 0.45e-6
+
+
 def test_a_small_cap_keeps_all_its_digits():
     # depth = x^2/2 (1 + x^2/4 + ...) for R = 1: the next term is 1e-17 of it
     close(exact.cap_depth(1e-8, 1.0), 0.5e-16, rtol=1e-15)

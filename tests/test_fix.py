@@ -1,7 +1,7 @@
 """The Python fix inside LAMMPS: surface contact in both forms, drag, removal, pairs, restarts, ranks."""
 
+import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -31,7 +31,8 @@ def make_model(**changes):
     constants = {
         "length_x": 10e-6, "length_y": 10e-6, "length_z": 0.0, "restitution": 0.5, "static_friction": 0.0,
         "dynamic_friction": 0.0, "impact_duration": IMPACT_DURATION, "flow": FLOW_NONE,
-        "fluid_density": 1000.0, "viscosity": 1e-3, "flow_x": 0.0, "flow_y": 0.0, "flow_z": 0.0, "wall_speed": 0.0, "gap": 1e-5,
+        "fluid_density": 1000.0, "viscosity": 1e-3, "flow_x": 0.0, "flow_y": 0.0, "flow_z": 0.0,
+        "wall_speed": 0.0, "gap": 1e-5,
         "has_surface": True, "spacing": 1e-6, "surface_modulus": 1e11, "surface_density": 8960.0,
         "poisson_ratio": 0.34, "yield_stress": 6e6, "deposit": DEPOSIT_NONE, "acceleration": 1.0,
         "mass_pickup": True, "threshold_velocity": 0.01, "has_pad": False, "pad_restitution": 0.5,
@@ -43,7 +44,7 @@ def make_model(**changes):
 REMOVING = {"deposit": DEPOSIT_VOLUME}
 
 
-def deck(positions, velocities, dt, pair=NO_PAIRS, state=DEFINE_STATE, commands=""):
+def deck(positions, velocities, dt, pair=NO_PAIRS, state=DEFINE_STATE, commands="", check="yes"):
     """A LAMMPS deck with these spheres (um, um/us), without `run`; dt in s."""
     lines = ["units micro", "atom_style sphere 1", "atom_modify map array", "boundary p p f"]
     lines += ["region box block 0 10 0 10 -5 10", "create_box 1 box"]
@@ -51,7 +52,7 @@ def deck(positions, velocities, dt, pair=NO_PAIRS, state=DEFINE_STATE, commands=
     lines += [f"set type 1 diameter {2e6 * RADIUS} density {DENSITY * 1e-3}"]
     for i, (vx, vy, vz) in enumerate(np.array(velocities).tolist()):
         lines += [f"set atom {i + 1} vx {vx!r} vy {vy!r} vz {vz!r}"]
-    lines += [pair, "neighbor 0.3 bin", "neigh_modify every 1 delay 0 check no", commands]
+    lines += [pair, "neighbor 0.3 bin", f"neigh_modify every 1 delay 0 check {check}", commands]
     lines += ["fix integrate all nve", state, "fix slurry all external pf/callback 1 1"]
     lines += [f"timestep {dt * 1e6!r}", "thermo 1000000"]
     return "\n".join(lines)
@@ -236,7 +237,7 @@ def test_compiled_and_plain_form_agree(form, hertz):
         simulate(
             positions, velocities, T_C / 10, 2000, model, heights=heights, form=form, sample_every=50,
             compiled=compiled,
-        )  # fmt: skip
+        )
         for compiled in (True, False)
     ]
     assert len(forms[0].contacts()) >= 16
@@ -360,9 +361,10 @@ def test_a_native_contact_is_followed_with_its_impulse_and_energy(compiled):
     )
     lost = 0.5 * MASS * ((before**2).sum() - (after**2).sum())
     assert contact.energy_lost == pytest.approx(lost, abs=300 * EPS * MASS)
-    assert contact.approach_speed == pytest.approx(1.5, rel=1e-6)
+    speed = (before[0] - before[1]) @ [contact.nx, contact.ny, contact.nz]
+    assert contact.approach_speed == pytest.approx(speed, rel=10 * EPS)
     assert contact.contact_time == pytest.approx(T_C, rel=0.1)
-    assert contact.load == pytest.approx(1.5 * 0.5 * MASS * 1.5 / IMPACT_DURATION, rel=1e-6)
+    assert contact.load == pytest.approx(1.5 * 0.5 * MASS * speed / IMPACT_DURATION, rel=10 * EPS)
 
 
 def test_contacts_that_overlap_in_time_claim_no_impulse():
@@ -381,7 +383,7 @@ def test_contacts_that_overlap_in_time_claim_no_impulse():
 @pytest.mark.parametrize("compiled", [True, False])
 def test_an_impulse_waits_for_a_pair_force_but_not_for_ever(compiled):
     # A particle on the surface is struck from above and pressed down for about one contact duration.
-    positions = [(5.0, 5.0, 0.5 - 1e-4), (5.0, 5.0, 1.4995)]
+    positions = [(5.0, 5.0, 0.5 - 1e-4), (5.0, 5.0, 1.5)]
     dt = T_C / 100
     fix = simulate(
         positions, [(0.0, 0.0, 0.0), (0.0, 0.0, -1.0)], dt, 400, make_model(), form="impulse",
@@ -395,48 +397,46 @@ def test_an_impulse_waits_for_a_pair_force_but_not_for_ever(compiled):
 
 
 RANKS_SCRIPT = """
-import hashlib, sys
+import hashlib, json, sys
 sys.path[:0] = {paths!r}
 from mpi4py import MPI
 from test_fix import *
 positions, velocities, heights = scatter(5)
 model = make_model(**REMOVING, flow=FLOW_UNIFORM, flow_x=0.5, flow_z=-0.2)
+said = []
 for form in ("soft", "impulse"):
-    fix = simulate(positions, velocities, T_C / 10, 1000, model, heights=heights, form=form, sample_every=100,
-                   observe_pairs=True)
-    digest = hashlib.sha256(b"".join(a.tobytes() for a in everything(fix))).hexdigest()
-    if MPI.COMM_WORLD.rank == 0:
-        print(MPI.COMM_WORLD.size, form, len(fix.contacts()), digest)
-lmp = open_lammps(["-screen", "none", "-log", "none"])
-lmp.commands_string(deck(positions, velocities, T_C / 10))
-fix = attach(lmp, 16, model, heights, max_contacts=0)
-lmp.command("run 1000")
+    fix = simulate(positions, velocities, T_C / 10, 2000, model, heights=heights, form=form, sample_every=100,
+                   observe_pairs=True, deck_options={{"check": "no"}})
+    said.append(hashlib.sha256(b"".join(a.tobytes() for a in everything(fix))).hexdigest())
+    said.append(len(fix.contacts()))
 try:
-    fix.check()
+    simulate(positions, velocities, T_C / 10, 2000, model, heights=heights, max_contacts=0)
 except EngineError as error:
-    print(MPI.COMM_WORLD.rank, error)
+    said.append(str(error))
+everyone = MPI.COMM_WORLD.gather(said)
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everyone))
 """
 
 
 def run_ranks(ranks, tmp_path):
+    """What each rank says: a digest of all results and the number of contacts per form, and an error."""
     paths = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
     (tmp_path / "ranks.py").write_text(RANKS_SCRIPT.format(paths=paths))
     mpiexec = Path(sys.executable).parent / "mpiexec"
     if not mpiexec.exists():
         pytest.skip("no mpiexec beside this Python")
     command = [str(mpiexec), "-n", str(ranks), sys.executable, str(tmp_path / "ranks.py")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=os.environ)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    return sorted(done.stdout.splitlines())
+    return json.loads(done.stdout)
 
 
 def test_two_ranks_give_the_same_bits_as_one(tmp_path):
-    one, two = (run_ranks(ranks, tmp_path) for ranks in (1, 2))
-    digests = [
-        [line.split()[1:] for line in lines if "soft" in line or "impulse" in line] for lines in (one, two)
-    ]
-    assert digests[0] == digests[1]
-    assert all(int(count) >= 16 for _form, count, _digest in digests[0])
-    errors = [{line.split(" ", 1)[1] for line in lines if "ledger is full" in line} for lines in (one, two)]
-    assert len(errors[1]) == 1  # every rank names the same step and particle
-    assert len([line for line in two if "ledger is full" in line]) == 2
+    """Particles change ranks in flight and in contact: the ranks meet at x = 5 um."""
+    (one,) = run_ranks(1, tmp_path)
+    first, second = run_ranks(2, tmp_path)
+    assert one == first == second
+    assert one[1] >= 16
+    assert one[3] >= 16
+    assert "the contact ledger is full" in one[4]

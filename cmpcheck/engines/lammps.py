@@ -1,14 +1,16 @@
 """LAMMPS as an engine: a setup and a deck become a run.
 
-The deck defines box, styles and fixes; the atoms, the Python fix and the run are added here.  Finding a deck and
-filling its variables is `lammps_setup.py`; what the fix does is `cmpcheck/fixes`.
+The deck defines box, styles and fixes; the atoms, the Python fix and the run are added here.  Finding a deck
+and filling its variables is `lammps_setup.py`; what the fix does is `cmpcheck/fixes`.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +18,18 @@ import numpy as np
 import pandas as pd
 
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
-from cmpcheck.engines.lammps_setup import Deck, create_atoms, deck_path, execute, variables
+from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
 from cmpcheck.results import EngineInfo
 from reference.heightfield import Heightfield
 from reference.recording import Run, basic_provenance, history_row
-from reference.state import Setup, State
+from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
 LOG_LINES = 3  # of LAMMPS's log, quoted when it fails
+SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
 
 class LammpsEngine:
@@ -67,7 +70,8 @@ class LammpsEngine:
             except Exception as error:  # the lammps package raises Exception itself
                 if type(error) is not Exception:
                     raise
-                raise EngineError(f"{_label(setup)}: {deck.path}: {error_message(error)}{_last_lines(log)}") from error
+                message = f"{deck.path}: {error_message(error)}"
+                raise EngineError(f"{_label(setup)}: {message}{_last_lines(log)}") from error
             finally:
                 lmp.close()
 
@@ -131,19 +135,15 @@ def _recorded(
     times, positions, velocities, masses = fix.trajectory()
     if len(times) != len(setup.output_times):
         raise EngineError(f"{len(times)} of {len(setup.output_times)} outputs were recorded")
-    contacts, state = fix.contacts(), setup.state
+    contacts, state, cost = fix.contacts(), setup.state, setup.case.cost
     removed = contacts[["time", "removed_volume", "removed_mass"]]
     history = []
     for k, time in enumerate(setup.output_times):
         so_far = removed[removed["time"] <= time].sum()
-        now = State(
-            float(time), positions[k], velocities[k], masses[k], state.diameter, state.modulus, surfaces[k], math.nan
+        now = replace(
+            state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k]
         )
-        history.append(
-            history_row(
-                time, now, state.heights, so_far["removed_volume"], so_far["removed_mass"], setup.case.cost
-            )
-        )
+        history.append(history_row(time, now, state.heights, *so_far[["removed_volume", "removed_mass"]], cost))
     spacing, has_surface = setup.model.spacing, setup.model.has_surface
     return Run(
         case=setup.case,
@@ -178,7 +178,8 @@ def _label(setup: Setup) -> str:
 def _last_lines(log: Path) -> str:
     """The end of LAMMPS's log, in one line."""
     try:
-        lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines() if line.strip()]
+        lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines()]
     except OSError:
         return ""
+    lines = [line for line in lines if line and not SAID_ALREADY.search(line)]
     return f" (log: {' | '.join(lines[-LOG_LINES:])})" if lines else ""

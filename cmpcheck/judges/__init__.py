@@ -20,17 +20,24 @@ def judge_of(setup: Setup) -> Judge:
     explicit = bool(setup.case.particle)
     drags, wall = model.flow != FLOW_NONE, model.has_surface
     if not model.has_pad:
-        if explicit and (drags and not wall or model.flow == FLOW_COUETTE):
+        if explicit and ((drags and not wall) or model.flow == FLOW_COUETTE):
             return DragJudge(setup)
         if explicit and particles == 2 and not wall:
             return PairJudge(setup)
         if explicit and particles == 1 and wall and not drags:
             return WallJudge(setup)
-        if explicit and particles == 1 and wall and model.flow == FLOW_UNIFORM and not setup.state.heights.any():
+        if (
+            explicit
+            and particles == 1
+            and wall
+            and model.flow == FLOW_UNIFORM
+            and not setup.state.heights.any()
+        ):
             return TrainJudge(setup)
         if not drags and not wall:
             return SwarmJudge(setup)
     raise CaseError(
-        f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres without a wall, "
-        "one sphere and a wall (with a uniform flow: a flat one), spheres in a flow away from walls, a swarm without either"
+        f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres without a "
+        "wall, one sphere and a wall (with a uniform flow: a flat one), spheres in a flow away from walls, "
+        "a swarm without either"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmpcheck.judges.protocol import Measured
+from cmpcheck.judges.protocol import Findings, Measured
 from cmpcheck.phases import unwrapped
 from cmpcheck.results import Trace
 from reference import exact
@@ -43,31 +43,26 @@ class DragJudge:
         )
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
-        """Of each particle, velocities halfway and at the end, and its largest distance from the exact path."""
-        measured = []
-        positions, half = unwrapped(run, setup), len(run.times) // 2
+        """Of each particle, velocities halfway and at the end, and its distance from the exact path."""
+        found = Findings()
+        positions, last = unwrapped(run, setup), len(run.times) - 1
         shear = self.setup.model.flow == FLOW_COUETTE
         equations = "20-22, 37-39"
         for k, motion in enumerate(self.motions(run.times)):
-            name = f"particle {k}" if len(self.setup.state.mass) > 1 else ""
-            change = float(np.linalg.norm(motion.velocities - motion.velocities[0], axis=1).max())
-            if shear:
-                change = float(np.linalg.norm(motion.velocities, axis=1).max())
+            name = [f"particle {k}"] if len(self.setup.state.mass) > 1 else []
+            start = np.zeros(3) if shear else motion.velocities[0]
+            scale = float(np.linalg.norm(motion.velocities - start, axis=1).max())
             for axis, component in enumerate("xyz"):
                 if np.ptp(motion.velocities[:, axis]) == 0.0:
                     continue
-                for frame, when in ((half, "halfway"), (len(run.times) - 1, "end")):
-                    place = f"{name}, {when}" if name else when
+                for frame, when in ((last // 2, "halfway"), (last, "end")):
                     value, expected = run.velocities[frame, k, axis], motion.velocities[frame, axis]
-                    measured.append(
-                        Measured(
-                            f"velocity_{component}", place, equations, "m/s", np.array([value]), float(expected), change
-                        )
-                    )
+                    place = ", ".join([*name, when])
+                    found.add(f"velocity_{component}", equations, "m/s", value, expected, scale, place)
             distance = np.linalg.norm(positions[:, k] - motion.positions, axis=1).max()
             path = float(np.linalg.norm(motion.positions - motion.positions[0], axis=1).max())
-            measured.append(Measured("trajectory_distance", name, equations, "m", np.array([distance]), 0.0, path))
-        return measured
+            found.add("trajectory_distance", equations, "m", distance, 0.0, path, "".join(name))
+        return found
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Speed of each particle relative to its start (shear: velocity along the flow)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import Measured
+from cmpcheck.judges.protocol import Findings, Measured, add_momentum
 from cmpcheck.phases import split, unwrapped
 from cmpcheck.results import Trace
 from reference import exact
@@ -15,12 +15,13 @@ from reference.state import Setup
 
 def _trajectory(setup: Setup, position: np.ndarray, times: np.ndarray) -> exact.PairTrajectory:
     state, model = setup.state, setup.model
-    spheres = [
-        exact.Sphere(float(state.mass[k]), float(state.diameter[k]) / 2, position[k], state.velocity[k]) for k in (0, 1)
-    ]
+    i, j = (
+        exact.Sphere(float(state.mass[k]), float(state.diameter[k]) / 2, position[k], state.velocity[k])
+        for k in (0, 1)
+    )
     periods = (model.length_x, model.length_y, model.length_z)
     return exact.pair_trajectory(
-        times, *spheres, model.restitution, model.static_friction, model.dynamic_friction, periods
+        times, i, j, model.restitution, model.static_friction, model.dynamic_friction, periods
     )
 
 
@@ -36,46 +37,37 @@ class PairJudge:
         self.exact = _trajectory(setup, setup.state.position, np.array([0.0, setup.end_time]))
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
-        """Impulses, restitution, energy lost, velocities after, momentum and the distance to the exact path."""
+        """Impulses, restitution, energy, velocities after, momentum and the distance to the exact path."""
         hit, state, copies = self.exact.collision, self.setup.state, setup.copies
         contacts = q.contacts_by_copy(run, setup, "pair")
-        counts = np.array([len(rows) for rows in contacts], float)
-        measured = [Measured("impacts", "", "9", "1", counts, 1.0, 1.0, rounding=0.5)]
-        if (counts < 1).any():
-            return measured
+        found = Findings()
+        if not found.count_impacts(contacts, 1, "9"):
+            return found
         rows = next(q.contact_columns(contacts, 1))
         mass_i, mass_j = state.mass
-        n = self.exact.touch.normal
-        approach = float((state.velocity[0] - state.velocity[1]) @ n)
+        approach = float((state.velocity[0] - state.velocity[1]) @ self.exact.touch.normal)
         energy = 0.5 * mass_i * mass_j / (mass_i + mass_j) * approach**2
         after = q.final_velocity(run, copies)
         normals = rows[["nx", "ny", "nz"]].to_numpy(float)
         parting = np.einsum("cx,cx->c", after[:, 1] - after[:, 0], normals)
         before = np.einsum("x,cx->c", state.velocity[0] - state.velocity[1], normals)
         lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
-        e = self.setup.model.restitution
 
-        def add(quantity, equations, unit, values, expected, scale, **more):
-            place = more.pop("place", "")
-            values = np.asarray(values, float)
-            measured.append(Measured(quantity, place, equations, unit, values, float(expected), float(scale), **more))
-
-        add("normal_impulse", "9, 12", "N s", rows["normal_impulse"], hit.normal_impulse, hit.normal_impulse)
+        normal, friction = hit.normal_impulse, float(np.linalg.norm(hit.friction_impulse))
+        found.add("normal_impulse", "9, 12", "N s", rows["normal_impulse"], normal, normal)
         if self.setup.model.static_friction > 0.0:
-            friction = np.linalg.norm(hit.friction_impulse)
-            add("friction_impulse", "14-18", "N s", rows["friction_impulse"], friction, friction or hit.normal_impulse)
-        add("restitution", "5, 8", "1", parting / before, e, 1.0)
-        add("energy_lost", "3-9", "J", lost, hit.energy_lost, energy)
+            values = rows["friction_impulse"]
+            found.add("friction_impulse", "14-18", "N s", values, friction, friction or normal)
+        found.add("restitution", "5, 8", "1", parting / before, self.setup.model.restitution, 1.0)
+        found.add("energy_lost", "3-9", "J", lost, hit.energy_lost, energy)
         for k, final in enumerate((hit.velocity_i, hit.velocity_j)):
             for axis, name in enumerate("xyz"):
-                values = after[:, k, axis]
-                add(f"velocity_{name}", "3, 4, 19", "m/s", values, final[axis], approach, place=f"particle {k}")
-        scale = q.momentum_scale(run, copies)
-        steps = float(run.provenance.get("steps", 1))
-        add("momentum", "3, 4, 12", "N s", q.momentum_change(run, copies), 0.0, scale, rounding=steps * q.EPS * scale)
+                values, place = after[:, k, axis], f"particle {k}"
+                found.add(f"velocity_{name}", "3, 4, 19", "m/s", values, final[axis], approach, place)
+        add_momentum(found, run, copies)
         path = approach * self.setup.end_time
-        add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
-        return measured
+        found.add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
+        return found
 
     def _distance(self, setup: Setup, run: Run) -> np.ndarray:
         """Distance (T, copies) of the farther particle from its exact path."""
@@ -96,4 +88,8 @@ class PairJudge:
             if period > 0.0:
                 apart[:, axis] -= period * np.round(apart[0, axis] / period)
         gap = np.linalg.norm(apart, axis=1) - setup.state.diameter[:2].mean()
-        return [Trace(case.name, case.variant, engine, "gap between the spheres", "m", tuple(run.times), tuple(gap))]
+        return [
+            Trace(
+                case.name, case.variant, engine, "gap between the spheres", "m", tuple(run.times), tuple(gap)
+            )
+        ]

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
+from cmpcheck import quantities as q
 from cmpcheck.results import Trace
 from reference.recording import Run
 from reference.state import Setup
@@ -35,6 +38,54 @@ class Measured:
     rounding: float = 0.0  # > 0: no discretisation enters; the bound of its rounding error
 
 
+class Findings(list[Measured]):
+    """What a judge measures in one run."""
+
+    def add(
+        self,
+        quantity: str,
+        equations: str,
+        unit: str,
+        values: ArrayLike,
+        expected: float,
+        scale: float,
+        place: str = "",
+        *,
+        limit: float = LIMIT,
+        against_exact: bool = False,
+        rounding: float = 0.0,
+    ) -> None:
+        """Add one quantity; see `Measured`."""
+        array = np.atleast_1d(np.asarray(values, float))
+        self.append(
+            Measured(
+                quantity, place, equations, unit, array, float(expected), float(scale), limit, against_exact,
+                rounding,
+            )
+        )  # fmt: skip
+
+    def count_impacts(self, contacts: list[pd.DataFrame], expected: int, equations: str) -> bool:
+        """Add the number of impacts; whether every copy has as many as it should."""
+        counts = np.array([len(rows) for rows in contacts], float)
+        self.add("impacts", equations, "1", counts, expected, 1.0, rounding=0.5)
+        return bool((counts == expected).all())
+
+
+def add_momentum(found: Findings, run: Run, copies: int) -> None:
+    """Add the change of total momentum: only rounding, half a unit of the largest term at each step."""
+    scale = q.momentum_scale(run, copies)
+    rounding = run.provenance["steps"] * q.EPS * scale
+    found.add("momentum", "3, 4, 12", "N s", q.momentum_change(run, copies), 0.0, scale, rounding=rounding)
+
+
+def add_mass_balance(found: Findings, run: Run, copies: int, density: float, scale: float) -> None:
+    """Add mass gained less density times volume lost: only the rounding of both differences."""
+    balance = q.mass_gained(run, copies) - density * q.volume_lost(run, copies)
+    rounding = density * q.volume_rounding(run)
+    rounding += q.EPS * float(run.masses.max()) * (2 + len(run.contacts) / copies)
+    found.add("mass_balance", "36", "kg", balance, 0.0, scale, rounding=rounding)
+
+
 class Judge(Protocol):
     """The physics of one kind of case."""
 
@@ -49,8 +100,3 @@ class Judge(Protocol):
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Curves to be drawn, of the first copy; engine "exact" has its own."""
         ...
-
-
-def per_copy(values: np.ndarray, copies: int) -> np.ndarray:
-    """Total of an extensive quantity (N,) over the particles of each copy."""
-    return values.reshape(copies, -1).sum(axis=1)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import Measured
+from cmpcheck.judges.protocol import Findings, Measured, add_momentum
 from cmpcheck.results import Trace
 from reference.recording import Run
 from reference.state import Setup
@@ -23,19 +21,14 @@ class SwarmJudge:
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
         """Momentum, and the energy that the ledger accounts for against the energy that is gone."""
-        scale = q.momentum_scale(run, 1)
-        steps = float(run.provenance.get("steps", 1))
-        start = float(q.kinetic_energy(run, 0, 1)[0])
-        lost = start - float(q.kinetic_energy(run, -1, 1)[0])
-        balance = lost - float(run.contacts["energy_lost"].sum())
-        change = q.momentum_change(run, 1)
-        measured = [Measured("momentum", "", "3, 4, 12", "N s", change, 0.0, scale, rounding=steps * q.EPS * scale)]
+        found = Findings()
+        add_momentum(found, run, setup.copies)
         if run.provenance["engine"] == "reference":
-            bound = steps * q.EPS * start
-            measured.append(
-                Measured("energy_balance", "", "9-19", "J", np.array([balance]), 0.0, start, rounding=bound)
-            )
-        return measured
+            start, end = (float(q.kinetic_energy(run, frame, 1)[0]) for frame in (0, -1))
+            balance = start - end - float(run.contacts["energy_lost"].sum())
+            rounding = run.provenance["steps"] * q.EPS * start
+            found.add("energy_balance", "9-19", "J", balance, 0.0, start, rounding=rounding)
+        return found
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Kinetic energy over time."""

@@ -177,6 +177,8 @@ def _slow_down(
 
     leaves_row.terminal = True  # type: ignore[attr-defined]
     path = solve_ivp(rate, (start, end), state, "DOP853", events=leaves_row, rtol=1e-12, atol=1e-14)
+    if path.status < 0:
+        raise RuntimeError(f"the drag equation was not integrated: {path.message}")
     state = path.y[:, -1]
     crossed = path.status == 1
     if crossed:
