@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import numba
+import numpy as np
 from numba.extending import register_jitable
 from platformdirs import user_cache_path
 
@@ -50,4 +51,5 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 formula = register_jitable(error_model="numpy")
 kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
-broadcast = numba.vectorize(cache=True)
+# without the JIT a formula is plain Python, which numba.vectorize cannot compile
+broadcast = np.vectorize if numba.config.DISABLE_JIT else numba.vectorize(cache=True)

@@ -37,7 +37,7 @@ def drag_coefficient(reynolds):
     >>> float(drag_coefficient(0.5)), float(drag_coefficient(1000.0))
     (48.0, 0.5)
     """
-    return _drag_coefficient(reynolds)
+    return _drag_coefficient(reynolds) if reynolds == reynolds else reynolds  # not a number stays so
 
 
 @formula

@@ -186,7 +186,7 @@ def flatness(z: ArrayLike, z_initial: ArrayLike, z_target: float, exponent: floa
     """Cost Pi of a surface: 1 at the start, 0 when every node has reached the target height.
 
     Paper: Eq. (44).  Heights in m, any shape; exponent q > 0.
-    Raises ValueError where it is undefined: a surface that starts at the target height.
+    Raises ValueError where it is undefined: a surface that starts at the target height, or two shapes.
 
     >>> flatness([0.0, 1.0], [0.0, 2.0], 0.0, 2)
     0.25
@@ -196,4 +196,6 @@ def flatness(z: ArrayLike, z_initial: ArrayLike, z_target: float, exponent: floa
     if scale == 0.0:
         raise ValueError(f"flatness is undefined: the surface starts at the target height {z_target} m")
     now = np.abs(np.asarray(z, dtype=float) - z_target)
+    if now.shape != start.shape:
+        raise ValueError(f"flatness needs the same nodes twice, got shapes {now.shape} and {start.shape}")
     return float(((now / scale) ** exponent).sum() / ((start / scale) ** exponent).sum())

@@ -76,7 +76,7 @@ def indentation_depth(yield_radius, radius):
 def cap_volume(yield_radius, depth):
     """Volume of the spherical cap, V = pi dh (3 x_p^2 + dh^2)/6, in m3.
 
-    Paper: Eq. (36) without the density.
+    Paper: Eq. (36) without the density.  `yield_radius` must not exceed the sphere's radius: see `cap`.
     """
     return math.pi * depth * (3.0 * yield_radius * yield_radius + depth * depth) / 6.0
 

@@ -143,7 +143,8 @@ def _recorded(
         now = replace(
             state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k]
         )
-        history.append(history_row(time, now, state.heights, *so_far[["removed_volume", "removed_mass"]], cost))
+        volume, mass = float(so_far["removed_volume"]), float(so_far["removed_mass"])
+        history.append(history_row(time, now, state.heights, volume, mass, cost))
     spacing, has_surface = setup.model.spacing, setup.model.has_surface
     return Run(
         case=setup.case,

@@ -110,12 +110,12 @@ def observe_step(c, step):
         store_sample(c, step, by_tag, floats(c.samples_at, c.max_samples, 1 + 7 * c.particles))
 
 
-def _observe(address, step):  # type: ignore[no-untyped-def]
+def _observe(address, step):
     observe_step(carray(pointer_to(address), (1,), dtype=CONTEXT)[0], step)
     return 0
 
 
-def _callback(pointer, step, n, tags_at, x_at, force_at):  # type: ignore[no-untyped-def]
+def _callback(pointer, step, n, tags_at, x_at, force_at):
     c = carray(pointer, (1,), dtype=CONTEXT)[0]
     if n > 0:
         take_step(c, step, n, carray(tags_at, (n,)), carray(x_at[0], (n, 3)), carray(force_at[0], (n, 3)))

@@ -1,0 +1,232 @@
+"""What the judges notice: engines that are the reference with one small error, and what gives each away.
+
+The engines are judged as any other is: refined, extrapolated, and compared with the reference's limits.  The
+swarm's judge needs the ledger's order as well and is tested in `test_horizon.py`.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cmpcheck.compare import Key, compare_study, limits
+from cmpcheck.convergence import Extrapolation
+from cmpcheck.engines.protocol import Resolution
+from cmpcheck.engines.reference import ReferenceEngine
+from cmpcheck.judges import Judge, judge_of
+from cmpcheck.results import Comparison
+from cmpcheck.study import align_outputs, engine_study, reference_study
+from reference.case import CASES, CaseError, available_cases, load_case
+from reference.process import build_setup
+from reference.recording import Run
+from reference.state import Setup
+
+Change = Callable[[Setup], Setup]
+Spoil = Callable[[Run], Run]
+Name = tuple[str, str]  # case and variant
+
+# The fakes' contacts take no time: the steps need not resolve them, only be about as fine as the reference's.
+COARSE = {"lammps": {"contact_duration": 4e-9, "steps_per_contact": 16}}
+STRUCK = 3  # the number of the row or particle in faults that strike only once
+
+
+class Fault(NamedTuple):
+    """An error, in what the engine is given or in the run that it returns, and what disagrees for it."""
+
+    case: Name
+    label: str
+    quantities: set[str]
+    change: Change = lambda setup: setup
+    spoil: Spoil = lambda run: run
+
+
+@dataclass(frozen=True)
+class Fake:
+    """The reference under another engine's name, with a fault."""
+
+    change: Change = lambda setup: setup
+    spoil: Spoil = lambda run: run
+    softness: float = 0.0  # relative error of the restitution, per second of contact duration
+    name = "lammps"
+
+    def run(self, setup: Setup, resolution: Resolution) -> Run:
+        wrong = self.change(setup)
+        e = wrong.model.restitution * (1.0 + self.softness * resolution.contact_duration)
+        wrong = replace(wrong, model=wrong.model._replace(restitution=e))
+        return self.spoil(ReferenceEngine().run(wrong, resolution))
+
+
+@functools.cache
+def known(case: Name) -> tuple[Setup, Judge, dict[Key, Extrapolation], list[Comparison]]:
+    """Setup and judge of a case, the reference's limits, and its rows against the exact values."""
+    variant = next(variant for variant in load_case(case[0]).variants() if variant.variant == case[1])
+    setup = align_outputs(build_setup(variant))
+    judge = judge_of(setup)
+    if judge.refines_contact:
+        setup = replace(setup, case=variant.model_copy(update={"engine": COARSE}))
+    study = reference_study(ReferenceEngine(), judge, setup, "quick")
+    return setup, judge, limits(study), compare_study(variant, study, None)
+
+
+def rows_of(case: Name, engine: Fake, form: str = "impulse") -> list[Comparison]:
+    """The rows of an engine; in the `impulse` form only its time step is refined."""
+    setup, judge, reference, _ = known(case)
+    return compare_study(setup.case, engine_study(engine, judge, setup, "quick", form), reference)
+
+
+def disagreeing(rows: list[Comparison]) -> set[str]:
+    assert {row.status for row in rows} <= {"agree", "disagree"}
+    return {row.quantity for row in rows if row.status == "disagree"}
+
+
+def times(factor: float) -> Callable:
+    return lambda value: factor * value
+
+
+def model(**changes) -> Change:
+    """Constants of the model that the engine gets wrong: a new value, or a function of the right one."""
+
+    def change(setup: Setup) -> Setup:
+        right = setup.model._asdict()
+        wrong = {name: new(right[name]) if callable(new) else new for name, new in changes.items()}
+        return replace(setup, model=setup.model._replace(**wrong))
+
+    return change
+
+
+def state(**changes: Callable) -> Change:
+    """Arrays of the initial state that the engine gets wrong."""
+
+    def change(setup: Setup) -> Setup:
+        wrong = {name: new(getattr(setup.state, name).copy()) for name, new in changes.items()}
+        return replace(setup, state=replace(setup.state, **wrong))
+
+    return change
+
+
+def ledger(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Spoil:
+    """A wrong ledger."""
+    return lambda run: replace(run, contacts=change(run.contacts))
+
+
+def final_velocity(change: Callable[[Run, np.ndarray], np.ndarray]) -> Spoil:
+    """Wrong velocities at the end."""
+
+    def spoil(run: Run) -> Run:
+        velocities = run.velocities.copy()
+        velocities[-1] = change(run, velocities[-1])
+        return replace(run, velocities=velocities)
+
+    return spoil
+
+
+def shrunk(diameter: np.ndarray) -> np.ndarray:
+    """One particle is too small to be met."""
+    diameter[STRUCK] *= 0.1
+    return diameter
+
+
+def gain(run: Run, velocity: np.ndarray) -> np.ndarray:
+    """One particle of one copy gains momentum, 1e-11 of its own."""
+    velocity[STRUCK] *= 1.0 + 1e-11
+    return velocity
+
+
+def cool(run: Run, velocity: np.ndarray) -> np.ndarray:
+    """Pairs lose 1e-9 of their relative velocity, at equal momentum."""
+    mass, pairs = run.masses[-1].reshape(-1, 2, 1), velocity.reshape(-1, 2, 3)
+    centre = (mass * pairs).sum(axis=1, keepdims=True) / mass.sum(axis=1, keepdims=True)
+    return (centre + (pairs - centre) * (1.0 - 1e-9)).reshape(-1, 3)
+
+
+def undiluted(run: Run, velocity: np.ndarray) -> np.ndarray:
+    """The tangential velocity is kept, not the tangential momentum."""
+    return velocity * np.where([True, True, False], (run.masses[-1] / run.masses[0])[:, np.newaxis], 1.0)
+
+
+def once_more(rows: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([rows, rows.iloc[[STRUCK]]], ignore_index=True)
+
+
+def once_less(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.drop(index=rows.index[STRUCK])
+
+
+def unsigned(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.assign(friction_impulse=rows["friction_impulse"].abs())
+
+
+ALL = [(name, variant.variant) for name in available_cases() for variant in load_case(name).variants()]
+SINGLE = [case for case in ALL if case[0] != "swarm"]
+HEAD_ON, SLIP, STICK = ("pair_head_on", "e0.5"), ("pair_slip", ""), ("pair_stick", "")
+BOUNCE, CLEAN, OBLIQUE = ("wall_bounce", "pickup"), ("wall_bounce", "no_pickup"), ("wall_oblique", "30deg")
+EDGE, FLANK = ("asperity_bounce", "edge"), ("asperity_bounce", "flank")
+STOKES, REGIMES, COUETTE = ("drag_relaxation", ""), ("drag_regimes", ""), ("couette_drift", "")
+TRAIN = ("bounce_train", "")
+
+VELOCITY = {"velocity_x", "velocity_y", "velocity_z"}
+PATH = {"trajectory_distance"}
+AFTER = {"restitution", "energy_lost", *VELOCITY}
+CAP = {"yield_radius", "indentation_depth", "removed_volume"}
+GAIN = {"removed_mass", "velocity_z", "energy_lost"}  # the mass picked up slows the particle
+REBOUND = {"normal_impulse", "load", "restitution", *CAP, *GAIN}
+TRAINED = {"approach_speed", "normal_impulse", "load", "removed_volume", "removed_mass"}
+
+FAULTS = [
+    Fault(HEAD_ON, "restitution + 0.5 %", {"normal_impulse", *AFTER}, model(restitution=times(1.005))),
+    Fault(HEAD_ON, "masses exchanged", VELOCITY | PATH, state(mass=lambda m: m.reshape(-1, 2)[:, ::-1].ravel())),
+    Fault(HEAD_ON, "one copy misses its impact", {"impacts"}, state(diameter=shrunk)),
+    Fault(HEAD_ON, "an impact too many", {"impacts"}, spoil=ledger(once_more)),
+    Fault(HEAD_ON, "an impact forgotten", {"impacts"}, spoil=ledger(once_less)),
+    Fault(HEAD_ON, "momentum leaks by 1e-11", {"momentum"}, spoil=final_velocity(gain)),
+    Fault(HEAD_ON, "energy leaks by 1e-9", AFTER, spoil=final_velocity(cool)),
+    Fault(SLIP, "friction + 1 %", {"friction_impulse", "energy_lost", *VELOCITY}, model(dynamic_friction=times(1.01))),
+    Fault(SLIP, "friction drives the slip", {"energy_lost", *VELOCITY, *PATH}, model(dynamic_friction=times(-1.0)), ledger(unsigned)),
+    Fault(STICK, "no friction", {"friction_impulse", "energy_lost", *VELOCITY, *PATH}, model(static_friction=0.0, dynamic_friction=0.0)),
+    Fault(BOUNCE, "restitution + 0.5 %", REBOUND, model(restitution=times(1.005))),
+    Fault(BOUNCE, "modulus + 1 %", {"load", *CAP, *GAIN}, state(modulus=times(1.01))),
+    Fault(BOUNCE, "cap volume + 5 %", CAP | GAIN, model(yield_stress=times(1.05**-0.5))),
+    Fault(BOUNCE, "no root of 3 in Eq 34", CAP | GAIN, model(yield_stress=times(3**0.5))),
+    Fault(BOUNCE, "density of the wall + 1 %", GAIN | {"mass_balance"}, model(surface_density=times(1.01))),
+    Fault(BOUNCE, "mass not picked up", GAIN | {"mass_balance"}, model(mass_pickup=False)),
+    Fault(BOUNCE, "5 % more taken off the wall", {"mass_balance"}, model(acceleration=1.05)),
+    Fault(BOUNCE, "one copy misses its impact", {"impacts"}, state(position=lambda r: r + [[0, 0, 1e-6]] * (np.arange(len(r)) == STRUCK)[:, np.newaxis])),
+    Fault(BOUNCE, "an impact too many", {"impacts"}, spoil=ledger(once_more)),
+    Fault(CLEAN, "mass picked up", GAIN, model(mass_pickup=True)),
+    Fault(OBLIQUE, "tangential velocity kept", {"velocity_x", "velocity_y", "energy_lost"}, spoil=final_velocity(undiluted)),
+    Fault(FLANK, "normal turned by 0.03 degrees", set(), state(heights=times(1.001))),
+    Fault(EDGE, "edge out of place by 1 nm", set(), state(position=lambda r: r - [1e-9, 0, 0])),
+    Fault(TRAIN, "restitution + 0.5 %", TRAINED, model(restitution=times(1.005))),
+    Fault(TRAIN, "flow + 0.5 %", TRAINED, model(flow_z=times(1.005))),
+    Fault(TRAIN, "cap volume + 5 %", {"removed_volume", "removed_mass"}, model(yield_stress=times(1.05**-0.5))),
+    Fault(TRAIN, "threshold beyond the third impact", {"removed_volume", "removed_mass"}, model(threshold_velocity=0.1)),
+    Fault(TRAIN, "drag left out of Eq 30", {"normal_impulse"}, spoil=ledger(lambda rows: rows.assign(external_force=0.0))),
+    Fault(TRAIN, "mass not picked up", {"removed_mass", "mass_balance"}, model(mass_pickup=False)),
+    Fault(TRAIN, "5 % more taken off the wall", {"mass_balance"}, model(acceleration=1.05)),
+    Fault(TRAIN, "an impact forgotten", {"impacts"}, spoil=ledger(once_less)),
+    Fault(STOKES, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
+    Fault(STOKES, "viscosity + 0.1 %", PATH, model(viscosity=times(1.001))),
+    Fault(STOKES, "flow + 0.1 %", {"velocity_x", *PATH}, model(flow_x=times(1.001))),
+    Fault(REGIMES, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
+    Fault(REGIMES, "fluid density + 1 %", VELOCITY | PATH, model(fluid_density=times(1.01))),
+    Fault(COUETTE, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
+    Fault(COUETTE, "shear rate + 0.1 %", {"velocity_x", *PATH}, model(wall_speed=times(1.001))),
+    Fault(COUETTE, "gap - 0.1 %", {"velocity_x", *PATH}, model(gap=times(0.999))),
+]
+
+
+@pytest.mark.parametrize("case", SINGLE, ids=" ".join)
+def test_the_reference_agrees_with_the_closed_forms_and_as_an_engine_with_itself(case):
+    assert disagreeing(known(case)[3]) == set()
+    assert disagreeing(rows_of(case, Fake())) == set()
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{' '.join(fault.case)}: {fault.label}")
+def test_a_fault_is_noticed_by_what_it_touches_and_by_nothing_else(fault):
+    assert disagreeing(rows_of(fault.case, Fake(fault.change, fault.spoil))) == fault.quantities
