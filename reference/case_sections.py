@@ -157,6 +157,7 @@ class Numerics(Section):
     iterations: Annotated[StrictInt, Field(ge=2)] = 8  # k_d
     norm: Literal["displacement", "printed"] = "displacement"
     contacts: Literal["frozen", "iterated"] = "frozen"
+    ledger_speed: Speed = 0.0  # slower contacts that remove nothing are counted but not recorded
 
 
 class Cost(Section):

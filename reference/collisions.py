@@ -25,6 +25,8 @@ from reference.neighbors import minimum_image
 from reference.removal import cap
 from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, FLOW_NONE
 
+SEARCH_MARGIN = 0.25  # of the radius: how much further than R the surface is searched
+
 
 @formula
 def duration_of(model, mass, radius, modulus, speed):
@@ -45,41 +47,42 @@ def drag_on(model, pad_height, z, vx, vy, vz, diameter):
     return k * wx, k * wy, k * wz
 
 
+@formula
+def drag_on_particle(model, pad_height, p, i):
+    """External force E on particle i, three components in N."""
+    x, v = p.position[i], p.velocity[i]
+    return drag_on(model, pad_height, x[2], v[0], v[1], v[2], p.diameter[i])
+
+
 @kernel
-def collide_pairs(
-    model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, impulse, rows, row
-):
+def collide_pairs(model, dt, time, pad_height, pairs, p, impulse, rows, row):
     """Add the impulses of all colliding pairs to `impulse` (N, 3); return the next free ledger row.
 
-    Paper: Eqs. (9), (12)-(19); contact where |r_ij| < (d_i + d_j)/2 and v_in > v_jn.
+    Paper: Eqs. (9), (12)-(19); contact where |r_ij| < (d_i + d_j)/2 and v_in > v_jn.  `p` are the Particles.
     """
     for pair in range(pairs.shape[0]):
         i, j = pairs[pair, 0], pairs[pair, 1]
-        dx = minimum_image(position[j, 0] - position[i, 0], model.length_x)
-        dy = minimum_image(position[j, 1] - position[i, 1], model.length_y)
-        dz = minimum_image(position[j, 2] - position[i, 2], model.length_z)
+        dx = minimum_image(p.position[j, 0] - p.position[i, 0], model.length_x)
+        dy = minimum_image(p.position[j, 1] - p.position[i, 1], model.length_y)
+        dz = minimum_image(p.position[j, 2] - p.position[i, 2], model.length_z)
         square = dx * dx + dy * dy + dz * dz
-        reach = 0.5 * (diameter[i] + diameter[j])
+        d_i, d_j = p.diameter[i], p.diameter[j]
+        reach = 0.5 * (d_i + d_j)
         if square >= reach * reach or square == 0.0:
             continue
         distance = math.sqrt(square)
         nx, ny, nz = dx / distance, dy / distance, dz / distance
-        vx = velocity[j, 0] - velocity[i, 0]
-        vy = velocity[j, 1] - velocity[i, 1]
-        vz = velocity[j, 2] - velocity[i, 2]
+        vx = p.velocity[j, 0] - p.velocity[i, 0]
+        vy = p.velocity[j, 1] - p.velocity[i, 1]
+        vz = p.velocity[j, 2] - p.velocity[i, 2]
         separation = vx * nx + vy * ny + vz * nz
         if separation >= 0.0:
             continue
-        m_i, m_j = mass[i], mass[j]
-        m_eff = m_i * m_j / (m_i + m_j)
-        r_eff = 0.5 * diameter[i] * diameter[j] / (diameter[i] + diameter[j])
-        delta_t = duration_of(model, m_eff, r_eff, effective_modulus(modulus[i], modulus[j]), -separation)
-        eix, eiy, eiz = drag_on(
-            model, pad_height, position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2], diameter[i]
-        )
-        ejx, ejy, ejz = drag_on(
-            model, pad_height, position[j, 2], velocity[j, 0], velocity[j, 1], velocity[j, 2], diameter[j]
-        )
+        m_i, m_j = p.mass[i], p.mass[j]
+        m_eff, r_eff = m_i * m_j / (m_i + m_j), 0.5 * d_i * d_j / (d_i + d_j)
+        delta_t = duration_of(model, m_eff, r_eff, effective_modulus(p.modulus[i], p.modulus[j]), -separation)
+        eix, eiy, eiz = drag_on_particle(model, pad_height, p, i)
+        ejx, ejy, ejz = drag_on_particle(model, pad_height, p, j)
         e_in, e_jn = eix * nx + eiy * ny + eiz * nz, ejx * nx + ejy * ny + ejz * nz
         normal = pair_normal_impulse(
             m_i, m_j, -separation, 0.0, model.restitution,
@@ -96,31 +99,23 @@ def collide_pairs(
             m_i, m_j, slip, normal, model.static_friction, model.dynamic_friction
         )
         fx, fy, fz = factor * wx, factor * wy, factor * wz
-        px, py, pz = fx - normal * nx, fy - normal * ny, fz - normal * nz  # Eq 19, on i
-        impulse[i, 0] += px
-        impulse[i, 1] += py
-        impulse[i, 2] += pz
-        impulse[j, 0] -= px
-        impulse[j, 1] -= py
-        impulse[j, 2] -= pz
+        for axis, on_i in enumerate((fx - normal * nx, fy - normal * ny, fz - normal * nz)):  # Eq 19
+            impulse[i, axis] += on_i
+            impulse[j, axis] -= on_i
         friction = factor * slip
         lost = (fx * sx + fy * sy + fz * sz) - normal * separation
         lost -= (normal * normal + friction * friction) / (2.0 * m_eff)
         out = rows[row]
         out[:] = 0.0
         out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAIR, i, j
-        out[col.X] = position[i, 0] + 0.5 * diameter[i] * nx
-        out[col.Y] = position[i, 1] + 0.5 * diameter[i] * ny
-        out[col.Z] = position[i, 2] + 0.5 * diameter[i] * nz
+        out[col.X] = p.position[i, 0] + 0.5 * d_i * nx
+        out[col.Y] = p.position[i, 1] + 0.5 * d_i * ny
+        out[col.Z] = p.position[i, 2] + 0.5 * d_i * nz
         out[col.NX], out[col.NY], out[col.NZ] = nx, ny, nz
-        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE], out[col.FRICTION_IMPULSE] = (
-            -separation,
-            normal,
-            friction,
-        )
-        out[col.DURATION], out[col.LOAD] = delta_t, normal / delta_t
+        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = -separation, normal
+        out[col.FRICTION_IMPULSE], out[col.ENERGY_LOST] = friction, lost
+        out[col.DURATION], out[col.LOAD], out[col.CONTACT_TIME] = delta_t, normal / delta_t, within
         out[col.EXTERNAL_FORCE] = e_in / m_i - e_jn / m_j
-        out[col.CONTACT_TIME], out[col.ENERGY_LOST] = within, lost
         row += 1
     return row
 
@@ -152,52 +147,42 @@ def record_surface_impact(model, pad_height, time, i, hit, position, velocity, m
 
 
 @kernel
-def collide_surface(
-    model,
-    dt,
-    time,
-    pad_height,
-    position,
-    velocity,
-    mass,
-    diameter,
-    modulus,
-    heights,
-    highest,
-    impulse,
-    picked_up,
-    rows,
-    row,
-):
-    """Add the impulses of the surface to `impulse`, and the mass picked up to `picked_up` (N,).
+def collide_surface(model, dt, time, pad_height, p, heights, clearance, impulse, gained, rows, row):
+    """Add the impulses of the surface to `impulse`, and the mass picked up to `gained` (N,).
 
     Paper: Eqs. (29)-(31); contact where the surface is nearer than R or the centre below it, and v.n < 0.
-    The material itself is taken off by `commit_removal`, once the step is accepted.
+    The material itself is taken off by `commit_removal`, once the step is accepted.  `clearance` (N,) is how
+    far each particle may travel before it can touch: only those that have none left are searched.
     """
-    for i in range(position.shape[0]):
-        radius = 0.5 * diameter[i]
-        if position[i, 2] - radius >= highest:
+    for i in range(p.position.shape[0]):
+        if clearance[i] > 0.0:
             continue
-        found, _, nx, ny, nz, qx, qy, qz, _ = surface_contact(
-            heights, model.spacing, position[i, 0], position[i, 1], position[i, 2], radius
+        radius, x = 0.5 * p.diameter[i], p.position[i]
+        found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
+            heights, model.spacing, x[0], x[1], x[2], (1.0 + SEARCH_MARGIN) * radius
         )
-        v_n = velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz
-        if not found or v_n >= 0.0:
+        overlap -= SEARCH_MARGIN * radius
+        if not found or overlap <= 0.0:
+            clearance[i] = -overlap if found else SEARCH_MARGIN * radius
+            continue
+        v = p.velocity[i]
+        v_n = v[0] * nx + v[1] * ny + v[2] * nz
+        if v_n >= 0.0:
             continue
         out = rows[row]
         record_surface_impact(
-            model, pad_height, time, i, (nx, ny, nz, qx, qy, qz),
-            position[i], velocity[i], mass[i], diameter[i], modulus[i], out,
+            model, pad_height, time, i, (nx, ny, nz, qx, qy, qz), x, v, p.mass[i], p.diameter[i],
+            p.modulus[i], out,
         )  # fmt: skip
         ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
-        normal = surface_normal_impulse(mass[i], v_n, model.restitution, ext)
-        gained = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
+        normal = surface_normal_impulse(p.mass[i], v_n, model.restitution, ext)
+        picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
         impulse[i, 0] += normal * nx
         impulse[i, 1] += normal * ny
         impulse[i, 2] += normal * nz
-        picked_up[i] += gained
+        gained[i] += picked_up
         out[col.NORMAL_IMPULSE], out[col.CONTACT_TIME] = normal, min(out[col.DURATION], dt)
-        out[col.ENERGY_LOST] = impact_energy_lost(mass[i], gained, velocity[i], v_n, normal)
+        out[col.ENERGY_LOST] = impact_energy_lost(p.mass[i], picked_up, v, v_n, normal)
         row += 1
     return row
 
@@ -211,23 +196,24 @@ def impact_energy_lost(mass, gained, velocity, v_n, normal_impulse):
 
 
 @kernel
-def collide_pad(model, time, pad_height, position, velocity, mass, diameter, impulse, rows, row):
+def collide_pad(model, time, pad_height, p, impulse, rows, row):
     """Add the impulses of the descending pad, a frictionless plane at `pad_height`, to `impulse`.
 
     Paper: Section 4 leaves the pad's contact open; here J = (1+e_pad) m (v_z + V_z), downwards.
     """
-    for i in range(position.shape[0]):
-        approach = velocity[i, 2] + model.pad_descent
-        if position[i, 2] + 0.5 * diameter[i] <= pad_height or approach <= 0.0:
+    for i in range(p.position.shape[0]):
+        x, v = p.position[i], p.velocity[i]
+        approach = v[2] + model.pad_descent
+        if x[2] + 0.5 * p.diameter[i] <= pad_height or approach <= 0.0:
             continue
-        normal = surface_normal_impulse(mass[i], -approach, model.pad_restitution)
+        normal = surface_normal_impulse(p.mass[i], -approach, model.pad_restitution)
         impulse[i, 2] -= normal
         out = rows[row]
         out[:] = 0.0
         out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
-        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = position[i, 0], position[i, 1], pad_height, -1.0
+        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = x[0], x[1], pad_height, -1.0
         out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach, normal
-        out[col.ENERGY_LOST] = impact_energy_lost(mass[i], 0.0, velocity[i], -velocity[i, 2], normal)
+        out[col.ENERGY_LOST] = impact_energy_lost(p.mass[i], 0.0, v, -v[2], normal)
         row += 1
     return row
 

@@ -54,7 +54,7 @@ def drag_factor(slip_speed, diameter, fluid_density, viscosity):
 
 
 @broadcast
-def _broadcast_drag_factor(slip_speed, diameter, fluid_density, viscosity):  # type: ignore[no-untyped-def]
+def _broadcast_drag_factor(slip_speed, diameter, fluid_density, viscosity):
     return drag_factor(slip_speed, diameter, fluid_density, viscosity)
 
 

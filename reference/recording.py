@@ -26,8 +26,9 @@ from reference.state import State
 
 HISTORY = (
     "time", "flatness", "pad_height", "removed_volume", "removed_mass", "kinetic_energy",
-    "momentum_x", "momentum_y", "momentum_z",
+    "momentum_x", "momentum_y", "momentum_z", "mean_velocity_x",
 )  # fmt: skip
+SUMS = ("contacts", "removals", "depth_sum", "contact_loss", "pad_work", "fluid_work")  # of the reference
 
 
 @dataclass
@@ -35,7 +36,7 @@ class Run:
     """What one engine computed for one variant of a case; SI throughout.
 
     `positions` (T, N, 3) are wrapped into the box; `contacts` has the columns of `ledger.COLUMNS`, `history`
-    those of `HISTORY`; removed volume and mass there are cumulative and not accelerated.
+    those of `HISTORY` and, from the reference, the cumulative `SUMS`; removed volume and mass there are cumulative and not accelerated.
     """
 
     case: Case
@@ -117,7 +118,8 @@ def history_row(
         pi = float("nan")
     momentum = (state.mass[:, np.newaxis] * state.velocity).sum(axis=0)
     energy = 0.5 * float((state.mass * (state.velocity**2).sum(axis=1)).sum())
-    values = (time, pi, state.pad_height, removed_volume, removed_mass, energy, *momentum)
+    mean_velocity = state.velocity[:, 0].mean() if len(state.mass) else 0.0
+    values = (time, pi, state.pad_height, removed_volume, removed_mass, energy, *momentum, mean_velocity)
     return dict(zip(HISTORY, map(float, values), strict=True))
 
 

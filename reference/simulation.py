@@ -12,9 +12,9 @@ import pandas as pd
 
 from reference.case import Case
 from reference.heightfield import Heightfield
-from reference.ledger import REMOVED_MASS, REMOVED_VOLUME, empty_ledger, ledger_frame
+from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
-from reference.recording import HISTORY, Run, basic_provenance, history_row
+from reference.recording import HISTORY, SUMS, Run, basic_provenance, history_row
 from reference.state import Setup
 from reference.timestep import (
     DONE,
@@ -84,9 +84,15 @@ def _advance_to(recorder: _Recorder, t_end: float) -> None:
         left = int(first + steps - scalars[P.steps])
         before = scalars[P.steps]
         status = advance(
-            setup.model, recorder.numerics, scalars, t_end, left, state.position, state.velocity, state.mass,
-            state.diameter, state.modulus, state.heights, recorder.rows,
-        )  # fmt: skip
+            setup.model,
+            recorder.numerics,
+            scalars,
+            t_end,
+            left,
+            state.particles,
+            state.heights,
+            recorder.rows,
+        )
         stuck = status == LEDGER_FULL and scalars[P.steps] == before
         recorder.collect()
         if stuck:
@@ -119,6 +125,7 @@ class _Recorder:
             iterations=part.iterations,
             printed_norm=part.norm == "printed",
             iterated_contacts=part.contacts == "iterated",
+            ledger_speed=part.ledger_speed,
         )
         self.scalars = np.zeros(len(P))
         self.scalars[P.step], self.scalars[P.pad_height] = setup.time_step, setup.state.pad_height
@@ -126,16 +133,12 @@ class _Recorder:
         self.chunks: list[np.ndarray] = []
         self.frames: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
         self.history: list[dict[str, float]] = []
-        self.removed_volume = self.removed_mass = 0.0
         self.complete = False
 
     def collect(self) -> None:
         """Move the kernel's ledger rows out of its buffer."""
         used = int(self.scalars[P.rows])
-        chunk = self.rows[:used].copy()
-        self.chunks.append(chunk)
-        self.removed_volume += chunk[:, REMOVED_VOLUME].sum()
-        self.removed_mass += chunk[:, REMOVED_MASS].sum()
+        self.chunks.append(self.rows[:used].copy())
         self.scalars[P.rows] = 0
         self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
 
@@ -143,16 +146,9 @@ class _Recorder:
         """Record the present state."""
         state = self.state
         self.frames.append((state.time, state.position.copy(), state.velocity.copy(), state.mass.copy()))
-        self.history.append(
-            history_row(
-                state.time,
-                state,
-                self.setup.state.heights,
-                self.removed_volume,
-                self.removed_mass,
-                self.setup.case.cost,
-            )
-        )
+        volume, mass = self.scalars[P.removed_volume], self.scalars[P.removed_mass]
+        row = history_row(state.time, state, self.setup.state.heights, volume, mass, self.setup.case.cost)
+        self.history.append(row | {name: float(self.scalars[getattr(P, name)]) for name in SUMS})
 
     def run(self) -> Run:
         """What has been recorded, as a run."""
@@ -178,7 +174,7 @@ class _Recorder:
             velocities=velocities,
             masses=masses,
             contacts=ledger_frame(np.concatenate([*self.chunks, self.rows[:0]])),
-            history=pd.DataFrame(self.history, columns=list(HISTORY)),
+            history=pd.DataFrame(self.history, columns=[*HISTORY, *SUMS]),
             diameters=self.state.diameter.copy(),
             provenance=provenance,
             **surfaces,

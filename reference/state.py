@@ -52,6 +52,16 @@ class Model(NamedTuple):
     pad_minimum: float  # H_min, m
 
 
+class Particles(NamedTuple):
+    """The arrays of all particles, SI float64, as the kernels take them."""
+
+    position: np.ndarray  # (N, 3), m, wrapped into the box where it is periodic
+    velocity: np.ndarray  # (N, 3), m/s
+    mass: np.ndarray  # (N,), kg; grows when material is picked up
+    diameter: np.ndarray  # (N,), m; constant
+    modulus: np.ndarray  # (N,), E/(1-nu^2), Pa
+
+
 @dataclass
 class State:
     """Arrays at one instant, SI float64; positions are wrapped into the box where it is periodic."""
@@ -64,6 +74,11 @@ class State:
     modulus: np.ndarray  # (N,), E/(1-nu^2) of each particle, Pa
     heights: np.ndarray  # (nx, ny) node heights z[i, j] at (i h, j h), m; shape (0, 0) without a surface
     pad_height: float = float("nan")  # H, m
+
+    @property
+    def particles(self) -> Particles:
+        """The particles' arrays themselves, not copies."""
+        return Particles(self.position, self.velocity, self.mass, self.diameter, self.modulus)
 
 
 @dataclass

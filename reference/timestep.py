@@ -2,7 +2,7 @@
 
 Two schemes.  `point_implicit` solves the drag of each particle in closed form and is stable for steps longer
 than the relaxation time.  `fixed_point` is the paper's: all particles are iterated together, and the step
-adapts to the rate of convergence.  Contacts come from `collisions.py`; recording is `simulate.py`.
+adapts to the rate of convergence.  Contacts come from `collisions.py`; recording is `simulation.py`.
 """
 
 from __future__ import annotations
@@ -12,17 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from reference import ledger as col
 from reference.collisions import collide_pad, collide_pairs, collide_surface, commit_removal
 from reference.compiled import formula, kernel
 from reference.drag import drag_factor, fluid_velocity
-from reference.ledger import DURATION
-from reference.neighbors import has_moved, neighbor_pairs
-from reference.state import FLOW_NONE
+from reference.neighbors import neighbor_pairs
+from reference.state import FLOW_NONE, Particles
 
 DONE, LEDGER_FULL, NOT_FINITE, NOT_CONVERGED, STEP_VANISHED = range(5)
 
 MAX_GROWTH = 2.0  # Phi of an accepted step
 MIN_SHRINK, MAX_SHRINK = 0.05, 0.9  # Phi of a rejected one
+SKIN = 0.3  # of the largest diameter: pairs that are this much further apart than touching are listed too
+MOST_DRAG_ITERATIONS = 100
 SMALLEST_STEP = 1e-9  # of the largest step: below it a restart is given up
 
 
@@ -35,6 +37,7 @@ class Numerics(NamedTuple):
     iterations: int  # k_d
     printed_norm: bool  # 3(a) as printed: relative to |r|, which depends on the origin
     iterated_contacts: bool  # contacts at each iterate, as printed: forms a two-cycle
+    ledger_speed: float  # slower contacts that remove nothing are counted, but not kept in the ledger, m/s
 
 
 class Progress(NamedTuple):
@@ -48,9 +51,27 @@ class Progress(NamedTuple):
     steps: int = 5  # accepted steps
     rejected: int = 6
     culprit: int = 7  # particle that a status is about
+    contacts: int = 8
+    removals: int = 9
+    removed_volume: int = 10  # sum of caps, m3
+    removed_mass: int = 11  # kg
+    depth_sum: int = 12  # of delta h, m
+    contact_loss: int = 13  # kinetic energy taken by contacts, J
+    pad_work: int = 14  # done by the pad on the particles, J; part of contact_loss with the other sign
+    fluid_work: int = 15  # done by the drag on the particles, J
 
 
 P = Progress()
+
+
+class Work(NamedTuple):
+    """Arrays that a step fills, for N particles."""
+
+    impulse: np.ndarray  # (N, 3), of all contacts, N s
+    gained: np.ndarray  # (N,), mass picked up, kg
+    velocity: np.ndarray  # (N, 3), at the end of the step, m/s
+    trial: np.ndarray  # (N, 3), r^k of the paper's iteration, not wrapped, m
+    clearance: np.ndarray  # (N,), travel until the surface can be touched, m
 
 
 @formula
@@ -73,57 +94,69 @@ def drag_of(model, pad_height, z, vx, vy, vz, diameter):
 
 
 @kernel
-def solve_point_implicit(
-    model, numerics, dt, pad_height, position, velocity, mass, diameter, impulse, gained, new_velocity
-):
-    """Velocities at the end of the step, into `new_velocity`; return the first particle not solved, or -1.
+def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
+    """All contacts of one instant: impulses and masses gained into `work`; return the next free row."""
+    work.impulse[:] = 0.0
+    work.gained[:] = 0.0
+    row = collide_pairs(model, dt, time, pad_height, pairs, p, work.impulse, rows, row)
+    if model.has_surface:
+        row = collide_surface(
+            model, dt, time, pad_height, p, heights, work.clearance, work.impulse, work.gained, rows, row
+        )
+    if model.has_pad:
+        row = collide_pad(model, time, pad_height, p, work.impulse, rows, row)
+    return row
+
+
+@kernel
+def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
+    """Velocities at the end of the step, into `work`; return the first particle not solved, or -1.
 
     Paper: Eqs. (37)-(39) in momentum form, (m+dm) v' = m v + J + dt k (u - v'), solved for v' with k and u
     iterated.  Written as an increment: a particle that moves with the fluid keeps its velocity to the bit.
     """
-    for i in range(position.shape[0]):
-        vx, vy, vz = velocity[i]
+    for i in range(p.position.shape[0]):
+        vx, vy, vz = p.velocity[i]
         wx, wy, wz = vx, vy, vz
+        gained, impulse = work.gained[i], work.impulse[i]
         solved = False
-        for _ in range(100):
-            k, ux, uy, uz = drag_of(model, pad_height, position[i, 2] + dt * wz, wx, wy, wz, diameter[i])
-            inertia = mass[i] + gained[i] + dt * k
-            ax = vx + (impulse[i, 0] + dt * k * (ux - vx) - gained[i] * vx) / inertia
-            ay = vy + (impulse[i, 1] + dt * k * (uy - vy) - gained[i] * vy) / inertia
-            az = vz + (impulse[i, 2] + dt * k * (uz - vz) - gained[i] * vz) / inertia
+        for _ in range(MOST_DRAG_ITERATIONS):
+            k, ux, uy, uz = drag_of(model, pad_height, p.position[i, 2] + dt * wz, wx, wy, wz, p.diameter[i])
+            inertia = p.mass[i] + gained + dt * k
+            ax = vx + (impulse[0] + dt * k * (ux - vx) - gained * vx) / inertia
+            ay = vy + (impulse[1] + dt * k * (uy - vy) - gained * vy) / inertia
+            az = vz + (impulse[2] + dt * k * (uz - vz) - gained * vz) / inertia
             change = abs(ax - wx) + abs(ay - wy) + abs(az - wz)
             wx, wy, wz = ax, ay, az
-            if not change > numerics.tolerance * (abs(ax) + abs(ay) + abs(az)) or model.flow == FLOW_NONE:
+            if not change > tolerance * (abs(ax) + abs(ay) + abs(az)) or model.flow == FLOW_NONE:
                 solved = True
                 break
-        new_velocity[i, 0], new_velocity[i, 1], new_velocity[i, 2] = wx, wy, wz
+        work.velocity[i, 0], work.velocity[i, 1], work.velocity[i, 2] = wx, wy, wz
         if not solved:
             return i
     return -1
 
 
 @kernel
-def iterate_fixed_point(
-    model, dt, pad_height, position, velocity, mass, diameter, impulse, gained, trial, new_velocity
-):
-    """One sweep of the paper's iteration over all particles; return (sum of changes, of moves, of |r|).
+def iterate_fixed_point(model, dt, pad_height, p, work):
+    """One sweep of the paper's iteration over all particles; return sums of (changes, moves, |r|).
 
-    Paper: Eq. (39).  `trial` (N, 3) holds r^k, not wrapped, and `new_velocity` v^k; both become those of k+1.
+    Paper: Eq. (39).  `work.trial` and `work.velocity` hold r^k and v^k and become those of k+1.
     """
     changes, moves, distances = 0.0, 0.0, 0.0
-    for i in range(position.shape[0]):
-        v = new_velocity[i]
-        k, ux, uy, uz = drag_of(model, pad_height, trial[i, 2], v[0], v[1], v[2], diameter[i])
-        inertia = mass[i] + gained[i]
+    for i in range(p.position.shape[0]):
+        v = work.velocity[i]
+        k, ux, uy, uz = drag_of(model, pad_height, work.trial[i, 2], v[0], v[1], v[2], p.diameter[i])
+        inertia = p.mass[i] + work.gained[i]
         change, move, distance = 0.0, 0.0, 0.0
         for axis, u in enumerate((ux, uy, uz)):
-            force = impulse[i, axis] + dt * k * (u - v[axis])
-            velocity_k = (mass[i] * velocity[i, axis] + force) / inertia
-            r = position[i, axis] + dt * velocity_k
-            change += (r - trial[i, axis]) ** 2
-            move += (r - position[i, axis]) ** 2
+            force = work.impulse[i, axis] + dt * k * (u - v[axis])
+            velocity_k = (p.mass[i] * p.velocity[i, axis] + force) / inertia
+            r = p.position[i, axis] + dt * velocity_k
+            change += (r - work.trial[i, axis]) ** 2
+            move += (r - p.position[i, axis]) ** 2
             distance += r * r
-            trial[i, axis] = r
+            work.trial[i, axis] = r
             v[axis] = velocity_k
         changes += math.sqrt(change)
         moves += math.sqrt(move)
@@ -146,6 +179,33 @@ def step_factor(error, first_error, k, tolerance, iterations):
 
 
 @kernel
+def solve_fixed_point(model, numerics, dt, time, pad_height, pairs, p, heights, work, rows, row):
+    """Iterate a step until it converges or k_d is reached; return (next free row, error, Phi).
+
+    Paper: Section 3.1, steps 1-3.  Contacts are those of the start of the step.
+    Departure: the printed scheme evaluates them at each iterate (`iterated_contacts`), which forms a
+    two-cycle of overlap, bounce and no overlap.
+    """
+    found = collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row)
+    work.velocity[:] = p.velocity
+    work.trial[:] = p.position + dt * p.velocity  # Eq 39 starts from r^0 = r^L + dt v^L
+    error, first_error, k = 0.0, 0.0, 0
+    while k < numerics.iterations:
+        k += 1
+        if numerics.iterated_contacts and k > 1:
+            moved = Particles(work.trial, p.velocity, p.mass, p.diameter, p.modulus)
+            work.clearance[:] = 0.0
+            found = collide(model, dt, time, pad_height, pairs, moved, heights, work, rows, row)
+        changes, moves, distances = iterate_fixed_point(model, dt, pad_height, p, work)
+        scale = distances if numerics.printed_norm else moves
+        error = changes / scale if scale > 0.0 else 0.0
+        first_error = error if k == 1 else first_error
+        if not error > numerics.tolerance:
+            break
+    return found, error, step_factor(error, first_error, k, numerics.tolerance, numerics.iterations)
+
+
+@kernel
 def first_not_finite(velocity, position):
     """Index of the first particle whose state is not finite, or -1."""
     for i in range(position.shape[0]):
@@ -158,163 +218,120 @@ def first_not_finite(velocity, position):
 
 
 @kernel
-def advance(
-    model, numerics, progress, t_end, steps_left, position, velocity, mass, diameter, modulus, heights, rows
-):
-    """Advance all arrays in place until `t_end`, the ledger is full, or something is wrong.
+def accept(model, dt, p, work):
+    """Move all particles to the end of the step; return (the longest way of any, m; work of the fluid, J).
+
+    The work is that on the momentum after the contacts, so that it and the contacts' losses make up the
+    change of kinetic energy, exactly where a particle has one contact at a time.
+    """
+    longest, fluid_work = 0.0, 0.0
+    for i in range(p.position.shape[0]):
+        square, gained = 0.0, p.mass[i] + work.gained[i]
+        for axis, period in enumerate((model.length_x, model.length_y, model.length_z)):
+            after = work.velocity[i, axis]
+            struck = (p.mass[i] * p.velocity[i, axis] + work.impulse[i, axis]) / gained
+            fluid_work += 0.5 * gained * (after - struck) * (after + struck)
+            move = dt * after
+            square += move * move
+            p.velocity[i, axis] = after
+            p.position[i, axis] = wrap(p.position[i, axis] + move, period)
+        way = math.sqrt(square)
+        longest = max(longest, way)
+        work.clearance[i] -= way
+        p.mass[i] = gained
+    return longest, fluid_work
+
+
+@kernel
+def account(model, numerics, progress, dt, rows, first, last):
+    """Add the contacts of an accepted step to the sums, and keep those worth a ledger row; return their end."""
+    kept = first
+    for row in range(first, last):
+        out = rows[row]
+        progress[P.contacts] += 1
+        progress[P.largest_ratio] = max(progress[P.largest_ratio], out[col.DURATION] / dt)
+        progress[P.contact_loss] += out[col.ENERGY_LOST]
+        if out[col.KIND] == col.KIND_PAD:
+            progress[P.pad_work] += out[col.NORMAL_IMPULSE] * model.pad_descent
+        if out[col.REMOVED_VOLUME] > 0.0:
+            progress[P.removals] += 1
+            progress[P.removed_volume] += out[col.REMOVED_VOLUME]
+            progress[P.removed_mass] += out[col.REMOVED_MASS]
+            progress[P.depth_sum] += out[col.DEPTH]
+        if out[col.APPROACH_SPEED] >= numerics.ledger_speed or out[col.REMOVED_VOLUME] > 0.0:
+            rows[kept] = out
+            kept += 1
+    return kept
+
+
+@kernel
+def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
+    """Advance the Particles `p` and the surface in place until `t_end`, or until something is in the way.
 
     With `point_implicit` exactly `steps_left` equal steps lead to `t_end`; with `fixed_point` the step
     adapts.  `progress` holds the scalars of `Progress`.  Returns a status (DONE, LEDGER_FULL, ...).
     """
-    n = position.shape[0]
+    n = p.position.shape[0]
     periods = np.array([model.length_x, model.length_y, model.length_z])
-    impulse, gained = np.zeros((n, 3)), np.zeros(n)
-    new_velocity, trial = velocity.copy(), position.copy()
-    largest = diameter.max() if n > 0 else 0.0
-    skin = 0.5 * largest
-    listed = position.copy()
-    pairs = neighbor_pairs(position, largest + skin, periods)
+    work = Work(np.zeros((n, 3)), np.zeros(n), p.velocity.copy(), p.position.copy(), np.zeros(n))
+    largest = p.diameter.max() if n > 0 else 0.0
+    skin = SKIN * largest
+    pairs = neighbor_pairs(p.position, largest + skin, periods)
+    travelled = 0.0  # since the pairs were listed, at most
     highest = heights.max() if model.has_surface else 0.0
     t_start, uniform = progress[P.time], (t_end - progress[P.time]) / max(steps_left, 1)
     step = 0
     while True:
+        time, pad_height, used = progress[P.time], progress[P.pad_height], int(progress[P.rows])
         if numerics.fixed_point:
-            left = t_end - progress[P.time]
-            if left <= SMALLEST_STEP * numerics.time_step:
+            dt = min(progress[P.step], t_end - time)
+            if t_end - time <= SMALLEST_STEP * numerics.time_step:
                 return DONE
-            dt = min(progress[P.step], left)
         else:
+            dt = uniform
             if step == steps_left:
                 return DONE
-            dt = uniform
-        time, pad_height = progress[P.time], progress[P.pad_height]
-        if has_moved(position, listed, 0.5 * skin, periods):
-            pairs = neighbor_pairs(position, largest + skin, periods)
-            listed[:] = position
-        used = int(progress[P.rows])
+        if 2.0 * travelled > skin:
+            pairs = neighbor_pairs(p.position, largest + skin, periods)
+            travelled = 0.0
         if used + pairs.shape[0] + 2 * n > rows.shape[0]:
             return LEDGER_FULL
 
-        found = collide(
-            model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, heights, highest,
-            impulse, gained, rows, used,
-        )  # fmt: skip
-        if not numerics.fixed_point:
-            culprit = solve_point_implicit(
-                model,
-                numerics,
-                dt,
-                pad_height,
-                position,
-                velocity,
-                mass,
-                diameter,
-                impulse,
-                gained,
-                new_velocity,
+        if numerics.fixed_point:
+            found, error, factor = solve_fixed_point(
+                model, numerics, dt, time, pad_height, pairs, p, heights, work, rows, used
             )
-            if culprit >= 0:
-                progress[P.culprit] = culprit
-                bad = first_not_finite(new_velocity, position)
-                if bad >= 0:
-                    progress[P.culprit] = bad
-                    return NOT_FINITE
-                return NOT_CONVERGED
-        else:
-            error, first_error, k = 0.0, 0.0, 0
-            new_velocity[:] = velocity
-            trial[:] = position + dt * velocity  # Eq 39 starts from r^0 = r^L + dt v^L
-            while k < numerics.iterations:
-                k += 1
-                if numerics.iterated_contacts and k > 1:
-                    found = collide(
-                        model, dt, time, pad_height, pairs, trial, velocity, mass, diameter, modulus, heights,
-                        highest, impulse, gained, rows, used,
-                    )  # fmt: skip
-                changes, moves, distances = iterate_fixed_point(
-                    model,
-                    dt,
-                    pad_height,
-                    position,
-                    velocity,
-                    mass,
-                    diameter,
-                    impulse,
-                    gained,
-                    trial,
-                    new_velocity,
-                )
-                scale = distances if numerics.printed_norm else moves
-                error = changes / scale if scale > 0.0 else 0.0
-                first_error = error if k == 1 else first_error
-                if not error > numerics.tolerance:
-                    break
-            factor = step_factor(error, first_error, k, numerics.tolerance, numerics.iterations)
             if not error <= numerics.tolerance:
                 progress[P.rejected] += 1
                 shrink = factor if math.isfinite(factor) else MIN_SHRINK
                 progress[P.step] = dt * min(max(shrink, MIN_SHRINK), MAX_SHRINK)
                 if progress[P.step] < SMALLEST_STEP * numerics.time_step:
-                    bad = first_not_finite(velocity, position)
-                    progress[P.culprit] = max(bad, 0)
+                    progress[P.culprit] = max(first_not_finite(p.velocity, p.position), 0)
                     return STEP_VANISHED
                 continue
             if dt == progress[P.step] or factor < 1.0:  # a step cut short to reach t_end teaches nothing
                 progress[P.step] = min(numerics.time_step, min(factor, MAX_GROWTH) * dt)
-
-        bad = first_not_finite(new_velocity, position)
+        else:
+            found = collide(model, dt, time, pad_height, pairs, p, heights, work, rows, used)
+            unsolved = solve_point_implicit(model, numerics.tolerance, dt, pad_height, p, work)
+        bad = first_not_finite(work.velocity, p.position)
         if bad >= 0:
             progress[P.culprit] = bad
             return NOT_FINITE
-        for i in range(n):
-            for axis in range(3):
-                velocity[i, axis] = new_velocity[i, axis]
-                position[i, axis] = wrap(position[i, axis] + dt * new_velocity[i, axis], periods[axis])
-            mass[i] += gained[i]
+        if not numerics.fixed_point and unsolved >= 0:
+            progress[P.culprit] = unsolved
+            return NOT_CONVERGED
+
+        way, fluid_work = accept(model, dt, p, work)
+        travelled += way
+        if model.flow != FLOW_NONE:
+            progress[P.fluid_work] += fluid_work
         if model.has_surface and commit_removal(model, heights, rows, used, found):
             highest = heights.max()
-        for row in range(used, found):
-            if rows[row, DURATION] > 0.0:
-                progress[P.largest_ratio] = max(progress[P.largest_ratio], rows[row, DURATION] / dt)
+        progress[P.rows] = account(model, numerics, progress, dt, rows, used, found)
         step += 1
-        progress[P.rows] = found
         progress[P.steps] += 1
         progress[P.time] = time + dt if numerics.fixed_point else t_start + step * uniform
         if model.has_pad:
             lowest = max(highest + 0.5 * largest, model.pad_minimum)
             progress[P.pad_height] = min(pad_height, max(pad_height - model.pad_descent * dt, lowest))
-
-
-@kernel
-def collide(
-    model,
-    dt,
-    time,
-    pad_height,
-    pairs,
-    position,
-    velocity,
-    mass,
-    diameter,
-    modulus,
-    heights,
-    highest,
-    impulse,
-    gained,
-    rows,
-    row,
-):
-    """All contacts of one instant: impulses into `impulse`, mass into `gained`; return the next free row."""
-    impulse[:] = 0.0
-    gained[:] = 0.0
-    row = collide_pairs(
-        model, dt, time, pad_height, pairs, position, velocity, mass, diameter, modulus, impulse, rows, row
-    )
-    if model.has_surface:
-        row = collide_surface(
-            model, dt, time, pad_height, position, velocity, mass, diameter, modulus, heights, highest,
-            impulse, gained, rows, row,
-        )  # fmt: skip
-    if model.has_pad:
-        row = collide_pad(model, time, pad_height, position, velocity, mass, diameter, impulse, rows, row)
-    return row

@@ -46,7 +46,8 @@ REMOVING = {"deposit": DEPOSIT_VOLUME}
 
 def deck(positions, velocities, dt, pair=NO_PAIRS, state=DEFINE_STATE, commands="", check="yes"):
     """A LAMMPS deck with these spheres (um, um/us), without `run`; dt in s."""
-    lines = ["units micro", "atom_style sphere 1", "atom_modify map array", "boundary p p f", "processors * 1 1"]
+    lines = ["units micro", "atom_style sphere 1", "atom_modify map array", "boundary p p f"]
+    lines += ["processors * 1 1"]  # ranks meet at x = 5
     lines += ["region box block 0 10 0 10 -5 10", "create_box 1 box"]
     lines += [f"create_atoms 1 single {x!r} {y!r} {z!r}" for x, y, z in np.array(positions).tolist()]
     lines += [f"set type 1 diameter {2e6 * RADIUS} density {DENSITY * 1e-3}"]
@@ -145,6 +146,17 @@ def test_impulsive_rebound_is_exact_without_drag(restitution):
     np.testing.assert_allclose(contacts.normal_impulse, (1.0 + restitution) * MASS, rtol=8 * EPS, atol=0.0)
     lost = 0.5 * MASS * (1.0 - restitution**2)
     np.testing.assert_allclose(contacts.energy_lost, lost, rtol=0.0, atol=8 * EPS * MASS)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("form", ["soft", "impulse"])
+def test_a_contact_that_is_there_at_the_start_is_counted_for_the_half_step_that_it_acts(form):
+    start = [(5.0, 5.0, 0.5 - 1e-4)]
+    fix = simulate(start, [(0.0, 0.0, -1.0)], T_C / 20, 100, make_model(), form=form, sample_every=100)
+    (impulse,), rebound = fix.contacts().normal_impulse, last_velocity(fix)[0, 2]
+    assert impulse == pytest.approx(MASS * (rebound + 1.0), rel=100 * EPS)
+    if form == "impulse":
+        assert rebound == pytest.approx(0.5, abs=6 * EPS)
 
 
 @pytest.mark.nojit
@@ -326,7 +338,9 @@ def test_an_exception_in_the_callback_surfaces(monkeypatch):
     "options, message",
     [({"state": ""}, "property/atom d2_cmpcheck"),
      ({"state": "fix cmpcheck_state all property/atom d2_cmpcheck 3"}, "property/atom d2_cmpcheck"),
-     ({"commands": "create_atoms 1 single 1 1 9"}, "3 atoms")],
+     ({"commands": "create_atoms 1 single 1 1 9"}, "3 atoms"),
+     ({"commands": "group first id 1\ndelete_atoms group first compress no\ncreate_atoms 1 single 1 1 9"},
+      "tags must be 1 ... 2")],
 )  # fmt: skip
 def test_a_deck_that_does_not_fit_is_refused(options, message):
     lmp = open_lammps(["-screen", "none", "-log", "none"])

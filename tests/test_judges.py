@@ -22,7 +22,7 @@ from cmpcheck.engines.reference import ReferenceEngine
 from cmpcheck.judges import Judge, judge_of
 from cmpcheck.results import Comparison
 from cmpcheck.study import align_outputs, engine_study, reference_study
-from reference.case import CASES, CaseError, available_cases, load_case
+from reference.case import available_cases, load_case
 from reference.process import build_setup
 from reference.recording import Run
 from reference.state import Setup
@@ -81,7 +81,7 @@ def rows_of(case: Name, engine: Fake, form: str = "impulse") -> list[Comparison]
 
 
 def disagreeing(rows: list[Comparison]) -> set[str]:
-    assert {row.status for row in rows} <= {"agree", "disagree"}
+    assert not [row for row in rows if row.status == "error"]
     return {row.quantity for row in rows if row.status == "disagree"}
 
 
@@ -150,6 +150,10 @@ def undiluted(run: Run, velocity: np.ndarray) -> np.ndarray:
     return velocity * np.where([True, True, False], (run.masses[-1] / run.masses[0])[:, np.newaxis], 1.0)
 
 
+def exchanged(mass: np.ndarray) -> np.ndarray:
+    return mass.reshape(-1, 2)[:, ::-1].ravel()
+
+
 def once_more(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([rows, rows.iloc[[STRUCK]]], ignore_index=True)
 
@@ -162,6 +166,15 @@ def unsigned(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(friction_impulse=rows["friction_impulse"].abs())
 
 
+def one_higher(position: np.ndarray) -> np.ndarray:
+    """One copy starts too high to reach the wall before the end."""
+    position[STRUCK, 2] += 1e-7
+    return position
+
+
+FRICTION = ("static_friction", "dynamic_friction")
+NO_DRAG = ledger(lambda rows: rows.assign(external_force=0.0))
+
 ALL = [(name, variant.variant) for name in available_cases() for variant in load_case(name).variants()]
 SINGLE = [case for case in ALL if case[0] != "swarm"]
 HEAD_ON, SLIP, STICK = ("pair_head_on", "e0.5"), ("pair_slip", ""), ("pair_stick", "")
@@ -170,45 +183,49 @@ EDGE, FLANK = ("asperity_bounce", "edge"), ("asperity_bounce", "flank")
 STOKES, REGIMES, COUETTE = ("drag_relaxation", ""), ("drag_regimes", ""), ("couette_drift", "")
 TRAIN = ("bounce_train", "")
 
-VELOCITY = {"velocity_x", "velocity_y", "velocity_z"}
 PATH = {"trajectory_distance"}
-AFTER = {"restitution", "energy_lost", *VELOCITY}
+VELOCITY = {"velocity_x", "velocity_y", "velocity_z"}
+BALANCE = {"mass_balance"}
+RUBBED = {"energy_lost", *VELOCITY}
+AFTER = {"restitution", *RUBBED}
 CAP = {"yield_radius", "indentation_depth", "removed_volume"}
 GAIN = {"removed_mass", "velocity_z", "energy_lost"}  # the mass picked up slows the particle
 REBOUND = {"normal_impulse", "load", "restitution", *CAP, *GAIN}
-TRAINED = {"approach_speed", "normal_impulse", "load", "removed_volume", "removed_mass"}
+TURNED = {"approach_speed", "velocity_x", *REBOUND, *PATH}
+CUT = {"removed_volume", "removed_mass"}
+TRAINED = {"approach_speed", "normal_impulse", "load", *CUT}
 
 FAULTS = [
     Fault(HEAD_ON, "restitution + 0.5 %", {"normal_impulse", *AFTER}, model(restitution=times(1.005))),
-    Fault(HEAD_ON, "masses exchanged", VELOCITY | PATH, state(mass=lambda m: m.reshape(-1, 2)[:, ::-1].ravel())),
+    Fault(HEAD_ON, "masses exchanged", VELOCITY | PATH, state(mass=exchanged)),
     Fault(HEAD_ON, "one copy misses its impact", {"impacts"}, state(diameter=shrunk)),
     Fault(HEAD_ON, "an impact too many", {"impacts"}, spoil=ledger(once_more)),
     Fault(HEAD_ON, "an impact forgotten", {"impacts"}, spoil=ledger(once_less)),
     Fault(HEAD_ON, "momentum leaks by 1e-11", {"momentum"}, spoil=final_velocity(gain)),
     Fault(HEAD_ON, "energy leaks by 1e-9", AFTER, spoil=final_velocity(cool)),
-    Fault(SLIP, "friction + 1 %", {"friction_impulse", "energy_lost", *VELOCITY}, model(dynamic_friction=times(1.01))),
-    Fault(SLIP, "friction drives the slip", {"energy_lost", *VELOCITY, *PATH}, model(dynamic_friction=times(-1.0)), ledger(unsigned)),
-    Fault(STICK, "no friction", {"friction_impulse", "energy_lost", *VELOCITY, *PATH}, model(static_friction=0.0, dynamic_friction=0.0)),
+    Fault(SLIP, "friction + 1 %", {"friction_impulse", *RUBBED}, model(dynamic_friction=times(1.01))),
+    Fault(SLIP, "friction drives", RUBBED | PATH, model(dynamic_friction=times(-1.0)), ledger(unsigned)),
+    Fault(STICK, "no friction", {"friction_impulse", *RUBBED, *PATH}, model(**dict.fromkeys(FRICTION, 0.0))),
     Fault(BOUNCE, "restitution + 0.5 %", REBOUND, model(restitution=times(1.005))),
     Fault(BOUNCE, "modulus + 1 %", {"load", *CAP, *GAIN}, state(modulus=times(1.01))),
-    Fault(BOUNCE, "cap volume + 5 %", CAP | GAIN, model(yield_stress=times(1.05**-0.5))),
+    Fault(BOUNCE, "cap volume + 5 %", CAP | GAIN, model(yield_stress=times(1.05**-0.5))),  # V ~ 1/sigma_y^2
     Fault(BOUNCE, "no root of 3 in Eq 34", CAP | GAIN, model(yield_stress=times(3**0.5))),
-    Fault(BOUNCE, "density of the wall + 1 %", GAIN | {"mass_balance"}, model(surface_density=times(1.01))),
-    Fault(BOUNCE, "mass not picked up", GAIN | {"mass_balance"}, model(mass_pickup=False)),
-    Fault(BOUNCE, "5 % more taken off the wall", {"mass_balance"}, model(acceleration=1.05)),
-    Fault(BOUNCE, "one copy misses its impact", {"impacts"}, state(position=lambda r: r + [[0, 0, 1e-6]] * (np.arange(len(r)) == STRUCK)[:, np.newaxis])),
+    Fault(BOUNCE, "density of the wall + 1 %", GAIN | BALANCE, model(surface_density=times(1.01))),
+    Fault(BOUNCE, "mass not picked up", GAIN | BALANCE, model(mass_pickup=False)),
+    Fault(BOUNCE, "5 % more taken off the wall", BALANCE, model(acceleration=1.05)),
+    Fault(BOUNCE, "one copy misses its impact", {"impacts"}, state(position=one_higher)),
     Fault(BOUNCE, "an impact too many", {"impacts"}, spoil=ledger(once_more)),
     Fault(CLEAN, "mass picked up", GAIN, model(mass_pickup=True)),
-    Fault(OBLIQUE, "tangential velocity kept", {"velocity_x", "velocity_y", "energy_lost"}, spoil=final_velocity(undiluted)),
-    Fault(FLANK, "normal turned by 0.03 degrees", set(), state(heights=times(1.001))),
-    Fault(EDGE, "edge out of place by 1 nm", set(), state(position=lambda r: r - [1e-9, 0, 0])),
+    Fault(OBLIQUE, "tangential velocity kept", RUBBED - {"velocity_z"}, spoil=final_velocity(undiluted)),
+    Fault(FLANK, "normal turned by 0.03 degrees", TURNED, state(heights=times(1.001))),
+    Fault(EDGE, "edge out of place by 1 nm", TURNED, state(position=lambda r: r - [1e-9, 0.0, 0.0])),
     Fault(TRAIN, "restitution + 0.5 %", TRAINED, model(restitution=times(1.005))),
     Fault(TRAIN, "flow + 0.5 %", TRAINED, model(flow_z=times(1.005))),
-    Fault(TRAIN, "cap volume + 5 %", {"removed_volume", "removed_mass"}, model(yield_stress=times(1.05**-0.5))),
-    Fault(TRAIN, "threshold beyond the third impact", {"removed_volume", "removed_mass"}, model(threshold_velocity=0.1)),
-    Fault(TRAIN, "drag left out of Eq 30", {"normal_impulse"}, spoil=ledger(lambda rows: rows.assign(external_force=0.0))),
-    Fault(TRAIN, "mass not picked up", {"removed_mass", "mass_balance"}, model(mass_pickup=False)),
-    Fault(TRAIN, "5 % more taken off the wall", {"mass_balance"}, model(acceleration=1.05)),
+    Fault(TRAIN, "cap volume + 5 %", CUT, model(yield_stress=times(1.05**-0.5))),
+    Fault(TRAIN, "third impact below the threshold", CUT, model(threshold_velocity=0.1)),
+    Fault(TRAIN, "drag left out of Eq 30", {"normal_impulse"}, spoil=NO_DRAG),
+    Fault(TRAIN, "mass not picked up", {"removed_mass", *BALANCE}, model(mass_pickup=False)),
+    Fault(TRAIN, "5 % more taken off the wall", BALANCE, model(acceleration=1.05)),
     Fault(TRAIN, "an impact forgotten", {"impacts"}, spoil=ledger(once_less)),
     Fault(STOKES, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
     Fault(STOKES, "viscosity + 0.1 %", PATH, model(viscosity=times(1.001))),
@@ -219,14 +236,50 @@ FAULTS = [
     Fault(COUETTE, "shear rate + 0.1 %", {"velocity_x", *PATH}, model(wall_speed=times(1.001))),
     Fault(COUETTE, "gap - 0.1 %", {"velocity_x", *PATH}, model(gap=times(0.999))),
 ]
+IRRELEVANT = [  # constants that do not enter: an equal outcome is no fault
+    Fault(STICK, "friction that is not exhausted", set(), model(**dict.fromkeys(FRICTION, times(1.01)))),
+    Fault(STOKES, "fluid density at Re < 1", set(), model(fluid_density=times(1.01))),
+]
+UNSEEN = [
+    Fault(CLEAN, "5 % more taken off the wall", {"removed_volume"}, model(acceleration=1.05)),
+    Fault(TRAIN, "viscosity + 1 %", {"impact_time"}, model(viscosity=times(1.01))),
+]
+
+
+def label(fault: Fault) -> str:
+    return f"{' '.join(filter(None, fault.case))}: {fault.label}"
 
 
 @pytest.mark.parametrize("case", SINGLE, ids=" ".join)
 def test_the_reference_agrees_with_the_closed_forms_and_as_an_engine_with_itself(case):
-    assert disagreeing(known(case)[3]) == set()
-    assert disagreeing(rows_of(case, Fake())) == set()
+    assert {row.status for row in known(case)[3]} == {"agree"}
+    assert {row.status for row in rows_of(case, Fake())} == {"agree"}
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{' '.join(fault.case)}: {fault.label}")
+@pytest.mark.parametrize("fault", FAULTS + IRRELEVANT, ids=label)
 def test_a_fault_is_noticed_by_what_it_touches_and_by_nothing_else(fault):
     assert disagreeing(rows_of(fault.case, Fake(fault.change, fault.spoil))) == fault.quantities
+
+
+@pytest.mark.xfail(reason="no quantity of the judge looks at it")
+@pytest.mark.parametrize("fault", UNSEEN, ids=label)
+def test_a_fault_that_only_another_quantity_would_show_is_noticed(fault):
+    assert disagreeing(rows_of(fault.case, Fake(fault.change, fault.spoil)))
+
+
+SOFT = 2.5e6  # per second: the restitution is off by 1 % at the longest contact, and right at t_c -> 0
+
+
+@pytest.mark.parametrize("case", [HEAD_ON, BOUNCE, TRAIN], ids=" ".join)
+def test_an_error_that_vanishes_with_the_contact_duration_is_none(case):
+    assert disagreeing(rows_of(case, Fake(softness=SOFT), "soft")) == set()
+
+
+@pytest.mark.parametrize(
+    "case, quantities",
+    [(HEAD_ON, {"normal_impulse", *AFTER}), (BOUNCE, REBOUND), (TRAIN, {"normal_impulse"})],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_half_a_percent_of_restitution_is_noticed_beside_it(case, quantities):
+    engine = Fake(model(restitution=times(1.005)), softness=SOFT)
+    assert disagreeing(rows_of(case, engine, "soft")) >= quantities

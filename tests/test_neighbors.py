@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rounding import close
 
+from reference import neighbors
 from reference.neighbors import has_moved, minimum_image, neighbor_pairs
 
 pytestmark = pytest.mark.nojit
 PERIODS = ([1.0, 1.0, 1.0], [1.0, 2.0, 0.0], [0.7, 1.3, 2.9], [0.0, 0.0, 0.0], [3.0, 0.4, 0.0])
 periods = st.sampled_from(PERIODS).map(np.array)
-cutoffs = st.sampled_from([0.05, 0.13, 0.25, 1 / 3, 0.5, 1.1, 4.0])
+cutoffs = st.sampled_from([0.05, 0.13, 0.22, 0.25, 0.31, 1 / 3, 0.5, 1.1, 4.0])
 seeds = st.integers(0, 10_000)
 many = settings(max_examples=60)
+LAYER = pytest.mark.xfail(strict=False, reason="the cells are limited along each axis, not in all: N^(4/3)")
 
 
 def distances(position, period):
@@ -48,6 +51,23 @@ def check(position, cutoff, period):
 
 def scattered(rng, n, period, depth=1.7):
     return rng.random((n, 3)) * np.where(period > 0, period, depth)
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="compiled code does not count its work")
+@pytest.mark.parametrize("dimensions, sides", [(3, (6, 14)), pytest.param(2, (15, 55), marks=LAYER)])
+def test_the_work_is_linear_in_the_number_of_particles(monkeypatch, dimensions, sides):
+    """Distances examined for each particle of a periodic cube and of a layer, one particle in each cell."""
+    work = []
+    for side in sides:
+        axes = [np.arange(side) + 0.5] * dimensions + [np.zeros(1)] * (3 - dimensions)
+        position = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        calls = []
+        counted = lambda d, period, calls=calls: calls.append(1) or minimum_image(d, period)  # noqa: E731
+        monkeypatch.setattr(neighbors, "minimum_image", counted)
+        neighbor_pairs(position, 1.0 - 1e-9, np.where(np.arange(3) < dimensions, float(side), 0.0))
+        work.append(len(calls) / 3 / len(position))
+    assert work[0] <= 3**dimensions / 2  # each pair of adjacent cells once
+    assert work[1] == pytest.approx(work[0], rel=1e-12, abs=0)
 
 
 @many

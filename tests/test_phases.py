@@ -46,7 +46,7 @@ def alone(setup: Setup, shift: float) -> Setup:
     return replace(setup, state=replace(state, position=position))
 
 
-CASES = pytest.mark.parametrize(
+DIVERSE = pytest.mark.parametrize(
     "name, variant",
     [("pair_head_on", "e0.5"), ("pair_slip", ""), ("wall_oblique", "60deg"), ("asperity_bounce", "valley")],
 )
@@ -75,7 +75,7 @@ def test_copies_differ_in_their_phase_only_and_the_setup_is_left_alone():
     np.testing.assert_array_equal(setup.state.position, before)
 
 
-@CASES
+@DIVERSE
 def test_every_copy_has_the_ledger_that_it_would_have_alone(name, variant):
     setup = setup_of(name, variant)
     tiled = tile(setup, COPIES, setup.time_step)
@@ -90,7 +90,9 @@ def test_every_copy_has_the_ledger_that_it_would_have_alone(name, variant):
         np.testing.assert_allclose(away, span * np.round(away / span), rtol=0.0, atol=atol)
         for column in single.columns.drop(["kind", "x"]):
             # removed volume is a small difference for nobody: every column is a product of what it is made of
-            np.testing.assert_allclose(together[k][column], single[column], rtol=RTOL, atol=0.0, err_msg=column)
+            np.testing.assert_allclose(
+                together[k][column], single[column], rtol=RTOL, atol=0.0, err_msg=column
+            )
 
 
 def test_the_phases_reach_the_ledger():
@@ -116,7 +118,9 @@ def test_a_copy_cut_at_the_boundary_would_meet_its_neighbour():
     tiled = tile(setup, COPIES, setup.time_step)
     cut = split(tiled.state.position.copy(), COPIES)
     cut[:, 1, 0] = setup.state.position[1, 0] + setup.model.length_x * np.arange(COPIES)
-    contacts = simulate_setup(replace(tiled, state=replace(tiled.state, position=cut.reshape(-1, 3)))).contacts
+    contacts = simulate_setup(
+        replace(tiled, state=replace(tiled.state, position=cut.reshape(-1, 3)))
+    ).contacts
     assert len(contacts) == COPIES
     assert (contacts["i"] // 2 != contacts["j"] // 2).any()
 

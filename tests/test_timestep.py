@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rounding import close
 
-from reference import exact
+from reference import exact, state
 from reference import ledger as col
 from reference.neighbors import neighbor_pairs
 from reference.state import DEPOSIT_NONE, DEPOSIT_VOLUME, FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Model
@@ -22,6 +22,7 @@ from reference.timestep import (
     STEP_VANISHED,
     Numerics,
     P,
+    Work,
     advance,
     collide,
     iterate_fixed_point,
@@ -29,6 +30,7 @@ from reference.timestep import (
     wrap,
 )
 
+pytestmark = pytest.mark.nojit
 D, DENSITY, VISCOSITY = 9e-7, 3950.0, 1e-3  # alumina of 0.9 um in a fluid as viscous as water
 MASS = DENSITY * np.pi * D**3 / 6
 TAU = exact.stokes_time(MASS, D, VISCOSITY)  # 177.75 ns
@@ -68,19 +70,26 @@ class Particles:
     def advance(self, model, duration, time_step, fixed_point=False, first_step=None, **options):
         """Advance by `duration` in steps of at most `time_step`; return the status."""
         part = {"tolerance": TOL, "iterations": 8, "printed_norm": False, "iterated_contacts": False}
+        part["ledger_speed"] = 0.0
         numerics = Numerics(time_step=time_step, fixed_point=fixed_point, **(part | options))
         self.scalars[P.step] = self.scalars[P.step] or first_step or time_step
-        return advance(
-            model, numerics, self.scalars, self.scalars[P.time] + duration, max(1, round(duration / time_step)),
-            self.position, self.velocity, self.mass, self.diameter, self.modulus, self.heights, self.rows,
-        )  # fmt: skip
+        t_end, steps = self.scalars[P.time] + duration, max(1, round(duration / time_step))
+        return advance(model, numerics, self.scalars, t_end, steps, self.arrays, self.heights, self.rows)
+
+    @property
+    def arrays(self):
+        return state.Particles(self.position, self.velocity, self.mass, self.diameter, self.modulus)
+
+    def work(self, dt):
+        """What a step fills, as the paper's iteration finds it: r^0 = r + dt v."""
+        n, trial = len(self.mass), self.position + dt * self.velocity
+        return Work(np.zeros((n, 3)), np.zeros(n), self.velocity.copy(), trial, np.zeros(n))
 
     @property
     def contacts(self):
         return self.rows[: int(self.scalars[P.rows])]
 
 
-@pytest.mark.nojit
 @BY_SCHEME
 @pytest.mark.parametrize("ratio, steps", [(0.02, 50), (0.1, 7)])
 def test_stokes_drag_is_implicit_euler_to_rounding(fixed_point, ratio, steps):
@@ -111,20 +120,15 @@ def test_the_error_is_of_first_order_in_the_step(fixed_point):
 def sweep(ratio, sweeps):
     """Changes of r in sweeps of the paper's iteration with dt = ratio tau, and their relative sizes."""
     dt, one = ratio * TAU, Particles(*FALL)
-    trial, velocity = one.position + dt * one.velocity, one.velocity.copy()
-    changes, errors = [], []
+    work, changes, errors = one.work(dt), [], []
     for _ in range(sweeps):
-        before = trial.copy()
-        change, move, _ = iterate_fixed_point(
-            stokes(), dt, np.nan, one.position, one.velocity, one.mass, one.diameter,
-            np.zeros((1, 3)), np.zeros(1), trial, velocity,
-        )  # fmt: skip
-        changes.append(trial[0] - before[0])
+        before = work.trial.copy()
+        change, move, _ = iterate_fixed_point(stokes(), dt, np.nan, one.arrays, work)
+        changes.append(work.trial[0] - before[0])
         errors.append(change / move)
     return np.array(changes), errors
 
 
-@pytest.mark.nojit
 @pytest.mark.parametrize("ratio", [0.01, 0.3, 0.9, 5.0])
 def test_the_fixed_point_contracts_by_minus_dt_over_tau(ratio):
     changes, _ = sweep(ratio, 5)
@@ -141,7 +145,6 @@ def test_point_implicit_is_stable_beyond_the_relaxation_time(ratio):
     close(one.velocity[0], FALL[1] / (1 + ratio) ** 3)
 
 
-@pytest.mark.nojit
 def test_the_schemes_agree_where_both_converge():
     """Each step of the fixed point errs by up to TOL dt/tau/(1 - dt/tau) of its speed; 40 steps add up."""
     one, other = Particles(*FALL), Particles(*FALL)
@@ -175,10 +178,8 @@ def test_a_rejected_step_leaves_no_trace(ratio):
     # the first step differs by the rounding of its length, 1e-15, which 50 tau of relaxation do not amplify
     np.testing.assert_allclose(one.position, other.position, rtol=1e-12, atol=0)
     assert first < 0.2  # (dt/tau)^8 = 1e-6 at 0.178
-    assert one.scalars[P.steps] > 50 / 0.2
 
 
-@pytest.mark.nojit
 @given(st.floats(-4.0, 0.0), st.floats(-3.0, 1.0), st.integers(2, 12), st.integers(2, 12))
 def test_phi_leads_to_the_tolerance_in_the_wanted_number_of_iterations(first, ratio, k, wanted):
     """Increments e_1 q^(k-1) with q ~ dt: after Phi they are e_1 (Phi q)^(k_d-1) = TOL."""
@@ -187,7 +188,6 @@ def test_phi_leads_to_the_tolerance_in_the_wanted_number_of_iterations(first, ra
     close(first_error * (phi * q) ** (wanted - 1), TOL, rtol=1e-10)  # powers up to 11 of rounded roots
 
 
-@pytest.mark.nojit
 def test_phi_as_printed_misses_the_tolerance():
     """The twin: exponents 1/k_d and 1/k take the increment eps_1 for the error e^0."""
     first_error, q = 0.5, 2.0
@@ -196,7 +196,6 @@ def test_phi_as_printed_misses_the_tolerance():
     close(first_error * (step_factor(first_error * q**7, first_error, 8, TOL, 8) * q) ** 7, TOL, rtol=1e-10)
 
 
-@pytest.mark.nojit
 def test_phi_is_infinite_where_nothing_changed():
     assert step_factor(0.0, 0.0, 1, TOL, 8) == np.inf
     assert step_factor(0.0, 1e-3, 3, TOL, 8) == np.inf
@@ -234,6 +233,13 @@ def test_the_step_grows_back_by_doubling_to_its_limit_and_no_further():
     assert one.scalars[P.steps] == 7 + 148 + 1
 
 
+def test_a_step_cut_short_by_the_end_of_an_interval_is_taken_up_again():
+    one = Particles(*FALL)
+    for _ in range(10):
+        one.advance(stokes(), 2.1 * TAU / 50, TAU / 50, True)
+    assert one.scalars[P.steps] == 10 * 3
+
+
 @pytest.mark.parametrize("printed", [False, True], ids=["displacement", "printed"])
 def test_the_printed_norm_accepts_what_the_displacement_norm_rejects(printed):
     """Far from the origin sum |r| hides any velocity: with dt = 5 tau each step multiplies it by -4."""
@@ -244,7 +250,7 @@ def test_the_printed_norm_accepts_what_the_displacement_norm_rejects(printed):
     if printed:
         close(speed, 0.15 * 4.0**4, rtol=1e-9)  # 38 m/s out of 15 cm/s, in a fluid at rest
     else:
-        assert speed < 0.15 * 1.2 ** (-20 / 0.2)  # steps of at most 0.2 tau, as above
+        assert speed < 0.15 * (1 + 5.0) ** -4  # what implicit Euler keeps in its four longest steps
 
 
 def test_the_printed_norm_depends_on_the_origin():
@@ -275,20 +281,11 @@ def test_contacts_at_the_iterate_form_a_two_cycle():
     """Overlap, bounce, no overlap, no bounce, overlap, ...: the iterate never settles."""
     dt, pair, fluid = 1e-9, head_on(0.3e-9), stokes()
     pairs = neighbor_pairs(pair.position, 2 * D, np.array([BOX, BOX, 0.0]))
-    trial, velocity = pair.position + dt * pair.velocity, pair.velocity.copy()
-    impulse, gained, found, changes = np.zeros((2, 3)), np.zeros(2), [], []
+    work, found, changes = pair.work(dt), [], []
     for _ in range(12):
-        found.append(
-            collide(
-                fluid, dt, 0.0, np.nan, pairs, trial, pair.velocity, pair.mass, pair.diameter, pair.modulus,
-                pair.heights, 0.0, impulse, gained, pair.rows, 0,
-            )
-        )  # fmt: skip
-        change, _, _ = iterate_fixed_point(
-            fluid, dt, np.nan, pair.position, pair.velocity, pair.mass, pair.diameter, impulse, gained,
-            trial, velocity,
-        )  # fmt: skip
-        changes.append(change)
+        moved = pair.arrays._replace(position=work.trial)
+        found.append(collide(fluid, dt, 0.0, np.nan, pairs, moved, pair.heights, work, pair.rows, 0))
+        changes.append(iterate_fixed_point(fluid, dt, np.nan, pair.arrays, work)[0])
     assert found == [1, 0] * 6
     # (1+e) v dt for each of two, for ever; the drag, dt/tau, of a velocity that turns from -e v to v
     np.testing.assert_allclose(changes[1:], 2 * 1.5 * 0.5 * dt, rtol=3 * dt / TAU, atol=0)
@@ -300,7 +297,6 @@ def on_the_floor(velocity, restitution=0.5, **changes):
     return one, stokes((0, 0, -0.5), has_surface=True, restitution=restitution, **changes)
 
 
-@pytest.mark.nojit
 @BY_SCHEME
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.5, 1.0])
 def test_a_resting_contact_returns_exactly_minus_the_force(fixed_point, restitution):
@@ -328,6 +324,17 @@ def test_a_constant_force_drops_out_of_the_rebound():
     assert abs(one.velocity[0, 2] / 0.025 - 1) < 4 * h < abs(0.5 * h / 0.025)  # h u would be seen
 
 
+@BY_SCHEME
+def test_the_mass_picked_up_shares_the_momentum(fixed_point):
+    one, _ = on_the_floor(-1.0)
+    one.velocity[0, 0] = 0.4
+    floor = model(has_surface=True, deposit=DEPOSIT_VOLUME)
+    one.advance(floor, 1e-9, 1e-9, fixed_point)
+    gained = one.contacts[0, col.REMOVED_MASS]
+    assert gained > 1e-4 * MASS
+    close(one.velocity[0], np.array([0.4, 0.0, 0.5]) * MASS / (MASS + gained))
+
+
 @pytest.mark.parametrize("too_long", [False, True])
 def test_removal_is_committed_once_and_for_the_accepted_step(too_long):
     """The first step, of the impact, is rejected until dt < tau; the material leaves, and joins, once."""
@@ -341,6 +348,7 @@ def test_removal_is_committed_once_and_for_the_accepted_step(too_long):
     close(one.mass[0] - MASS, removed[0, col.REMOVED_MASS], scale=MASS)
 
 
+@pytest.mark.filterwarnings("ignore:overflow")  # with the JIT off, of the iterates
 def test_a_step_that_vanishes_is_given_up():
     """No step longer than 1e-9 of the largest is short enough: the run stops instead of creeping."""
     one = Particles(*FALL)
@@ -348,7 +356,6 @@ def test_a_step_that_vanishes_is_given_up():
     assert one.scalars[P.time] == one.scalars[P.steps] == 0
 
 
-@pytest.mark.nojit
 @given(st.floats(-1e-4, 1e-4), st.sampled_from([1e-6, 8e-6, 0.3]))
 def test_wrapping_shifts_by_whole_periods_into_the_box(x, period):
     inside = wrap(x, period)

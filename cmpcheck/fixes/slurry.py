@@ -60,7 +60,7 @@ class SlurryFix:
         contact_duration: float = 0.0,
         sample_every: int = 0,
         max_contacts: int = 1_000_000,
-        max_samples: int = 10_000,
+        max_samples: int = 1_000,
         observe_pairs: bool = False,
         compiled: bool = True,
         comm: Any = None,
@@ -70,6 +70,8 @@ class SlurryFix:
             raise EngineError(f"form = {form!r}: must be one of {', '.join(FORMS)}")
         if model.has_pad:
             raise EngineError("the LAMMPS fix has no pad contact: run this case with the reference engine")
+        if model.has_surface and min(np.shape(heights), default=0) == 0:
+            raise EngineError("the model has a surface, but heights is empty")
         try:
             self.memory = Memory(
                 model, modulus, heights, form, contact_duration, sample_every, max_contacts, max_samples,
@@ -116,16 +118,23 @@ class SlurryFix:
             raise EngineError("the deck must use `atom_style sphere 1`")
         if lmp.get_natoms() != n:
             raise EngineError(f"LAMMPS has {lmp.get_natoms():.0f} atoms, the case has {n} particles")
+        nlocal = lmp.extract_setting("nlocal")
+        last = int(lmp.numpy.extract_atom("id")[:nlocal].max()) if nlocal else 0
+        if self.comm is not None:
+            last = max(self.comm.allgather(last))
+        if last != n:
+            raise EngineError(f"atom tags must be 1 ... {n}, the largest is {last}")
         if per_atom_columns(lmp, "d2_cmpcheck") != STATE_COLUMNS:
             raise EngineError(f"the deck must define the per-atom state of the fix: {DEFINE_STATE}")
 
     def check(self) -> None:
         """Raise EngineError, naming case, step and particle, if the callback has given up."""
-        self.lmp.command("timer timeout off")
         c = self.memory.context
         failure = getattr(self._callback, "failure", None)
         mine = (int(c.error), int(c.error_step), int(c.error_tag), repr(failure) if failure else "")
         everyone = [mine] if self.comm is None else self.comm.allgather(mine)
+        if any(code != NO_ERROR or message for code, _, _, message in everyone):
+            self.lmp.command("timer timeout off")  # the callback ran it out to stop the run
         for code, step, tag, message in everyone:
             name = f"{self.case}: " if self.case else ""
             if code != NO_ERROR:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-
 from cmpcheck import quantities as q
 from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Measured, add_mass_balance
 from cmpcheck.judges.wall import wall_of
