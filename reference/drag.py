@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from reference.compiled import broadcast, formula
-from reference.state import FLOW_COUETTE, FLOW_UNIFORM, Model
+from reference.state import FLOW_COUETTE, FLOW_UNIFORM
 
 
 @formula
@@ -80,7 +80,7 @@ def drag_force(
 
 
 @formula
-def fluid_velocity(model: Model, pad_height, z):
+def fluid_velocity(model, pad_height, z):
     """Velocity (ux, uy, uz) of the fluid at height z, in m/s.
 
     Paper: Section 4, a linear profile under the pad, u = V_pad z/H; or a uniform flow.
