@@ -36,7 +36,8 @@ class Run:
     """What one engine computed for one variant of a case; SI throughout.
 
     `positions` (T, N, 3) are wrapped into the box; `contacts` has the columns of `ledger.COLUMNS`, `history`
-    those of `HISTORY` and, from the reference, the cumulative `SUMS`; removed volume and mass there are cumulative and not accelerated.
+    those of `HISTORY` and, from the reference, the cumulative `SUMS`; removed volume and mass there are
+    cumulative and not accelerated.
     """
 
     case: Case

@@ -244,7 +244,7 @@ def accept(model, dt, p, work):
 
 @kernel
 def account(model, numerics, progress, dt, rows, first, last):
-    """Add the contacts of an accepted step to the sums, and keep those worth a ledger row; return their end."""
+    """Add the contacts of an accepted step to the sums, keep those worth a row; return their end."""
     kept = first
     for row in range(first, last):
         out = rows[row]
