@@ -11,7 +11,7 @@ help:
 	@echo "make compare   run every comparison and write reports/latest"
 	@echo "make test      run the tests"
 	@echo "make lint      check style, types and the direction of imports"
-	@echo "make example   write reports/example anew"
+	@echo "make example   write reports/example anew, and the table and picture of README"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
@@ -29,6 +29,7 @@ lint: $(VENV)/installed-test
 
 example: $(VENV)/installed
 	$(BIN)/cmpcheck compare --out reports/example --force
+	$(BIN)/python tools/example.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -35,10 +35,13 @@ def limits(study: Study) -> dict[Key, Extrapolation]:
         for key in measured_by_key(study.finest)
         if all(key in t for rows in tables.values() for t in rows)
     ]
-    return {key: _limit(study, tables, key) for key in shared}
+    found = {key: _limit(study, tables, key) for key in shared}
+    return {key: limit for key, limit in found.items() if limit is not None}
 
 
-def _limit(study: Study, tables: dict[str, list[dict[Key, Measured]]], key: Key) -> Extrapolation:
+def _limit(study: Study, tables: dict[str, list[dict[Key, Measured]]], key: Key) -> Extrapolation | None:
+    if not all(np.isfinite(t[key].values).all() for rows in tables.values() for t in rows):
+        return None
     parts = [_extrapolate(name, study.series[name], [t[key] for t in rows]) for name, rows in tables.items()]
     return parts[0] if len(parts) == 1 else add_corrections(parts[0], parts[1])
 
@@ -117,19 +120,26 @@ def compare_study(case: Case, study: Study, reference: dict[Key, Extrapolation] 
             rows.append(_judge_rounding(blank, study, key))
         elif key in found:
             target = exact(finest.expected, finest.scale)
+            target = replace(target, uncertainty=target.uncertainty + finest.expected_error)
             if reference is not None and not finest.against_exact and key in reference:
                 target = reference[key]
             rows.append(_judge(blank, finest, target, found[key]))
         else:
-            rows.append(replace(blank, reason="not every level of refinement has this impact"))
+            finite = all(np.isfinite(m.values).all() for m in found_on(study, key))
+            why = "not every level of refinement has this impact" if finite else "a value is not finite"
+            rows.append(replace(blank, reason=why))
     return rows
+
+
+def found_on(study: Study, key: Key) -> list[Measured]:
+    """One quantity on every level that has it."""
+    return [m for level in study.levels for m in level.measured if (m.quantity, m.place) == key]
 
 
 def _judge_rounding(blank: Comparison, study: Study, key: Key) -> Comparison:
     """A quantity that no step size enters: the worst copy of all levels must be within rounding."""
-    found = [m for level in study.levels for m in level.measured if (m.quantity, m.place) == key]
-    worst = max(found, key=lambda m: float(np.abs(m.values - m.expected).max()) / m.rounding)
-    value = float(worst.values[np.abs(worst.values - worst.expected).argmax()])
+    worst = max(found_on(study, key), key=lambda m: float(_deviation(m).max()) / m.rounding)
+    value = float(worst.values[_deviation(worst).argmax()])
     error = abs(value - worst.expected)
     counted = worst.quantity == "impacts"
     reason = (
@@ -147,6 +157,11 @@ def _judge_rounding(blank: Comparison, study: Study, key: Key) -> Comparison:
         reason=reason,
         status=status,
     )
+
+
+def _deviation(m: Measured) -> np.ndarray:
+    """Distance of each copy from the expected value; what is not a number is infinitely far."""
+    return np.nan_to_num(np.abs(m.values - m.expected), nan=np.inf)
 
 
 def _judge(blank: Comparison, finest: Measured, target: Extrapolation, found: Extrapolation) -> Comparison:

@@ -14,9 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from cmpcheck.convergence import SAFETY_OTHERWISE
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.judges import Measured
 from cmpcheck.phases import unwrapped
+from cmpcheck.quantities import kinetic_energy
 from cmpcheck.results import Comparison
 from cmpcheck.study import Level, Study
 from reference.case import Case
@@ -158,7 +160,7 @@ def _add_impulses(studies: list[Study], horizon: float) -> None:
 
 
 def _add_distances(ours: Study, theirs: Study, horizon: float) -> None:
-    """Root mean square distance, at the last output before the horizon, to the reference's limit."""
+    """At the last output before the horizon, distance (rms) to the reference's limit, and energy lost."""
     times = ours.finest.run.times
     frame = int(np.searchsorted(times, horizon, side="left")) - 1
     if frame < 1:
@@ -169,8 +171,19 @@ def _add_distances(ours: Study, theirs: Study, horizon: float) -> None:
 
     fine, coarse = (at(level) for level in ours.series["time step"][:-3:-1])
     limit = 2.0 * fine - coarse  # first order, halved steps
-    path = float(np.sqrt(((fine - ours.finest.setup.state.position) ** 2).sum(axis=1).mean()))
+    path = _root_mean_square(fine - ours.finest.setup.state.position)
+    error = SAFETY_OTHERWISE * _root_mean_square(fine - coarse)
     place = f"at {times[frame] * 1e9:.0f} ns"
     for level in theirs.levels:
-        value = np.array([float(np.sqrt(((at(level) - limit) ** 2).sum(axis=1).mean()))])
-        level.measured.append(Measured("trajectory_distance", place, "2, 37", "m", value, 0.0, path))
+        value = np.array([_root_mean_square(at(level) - limit)])
+        level.measured.append(
+            Measured("trajectory_distance", place, "2, 37", "m", value, 0.0, path, expected_error=error)
+        )
+    start = float(kinetic_energy(ours.finest.run, 0, 1)[0])
+    for level in [*ours.levels, *theirs.levels]:
+        lost = kinetic_energy(level.run, 0, 1) - kinetic_energy(level.run, frame, 1)
+        level.measured.append(Measured("energy_lost", place, "9-19", "J", lost, math.nan, start))
+
+
+def _root_mean_square(vectors: np.ndarray) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from cmpcheck.phases import split, surfaces
+from reference.neighbors import neighbor_pairs
 from reference.recording import Run
 from reference.state import Setup
 
@@ -86,3 +87,21 @@ def model_impulse(rows: pd.DataFrame) -> np.ndarray:
     """
     missing = rows["duration"].to_numpy(float) - rows["contact_time"].to_numpy(float)
     return rows["normal_impulse"].to_numpy(float) - rows["external_force"].to_numpy(float) * missing
+
+
+def free_flight_change(run: Run, setup: Setup) -> float:
+    """Largest change of a velocity component, in m/s, between outputs without a contact of the particle.
+
+    Without external forces there is none.  A contact lasts from its first step to its end, and one that is
+    still open at the end of the run is told by the overlap.
+    """
+    changes = np.abs(np.diff(run.velocities, axis=0)).max(axis=2)  # (T - 1, N)
+    contacts, step = run.contacts, float(run.times[-1]) / run.provenance["steps"]
+    first = np.searchsorted(run.times, contacts["time"].to_numpy() - 2.0 * step) - 1
+    last = np.searchsorted(run.times, (contacts["time"] + contacts["contact_time"]).to_numpy() + 2.0 * step)
+    for i, j, begin, end in zip(contacts["i"], contacts["j"], first, last, strict=True):
+        changes[max(begin, 0) : end, [i, j]] = 0.0
+    model = setup.model
+    periods = np.array([model.length_x, model.length_y, model.length_z])
+    changes[-1, neighbor_pairs(run.positions[-1], float(run.diameters.max()), periods).ravel()] = 0.0
+    return float(changes.max(initial=0.0))

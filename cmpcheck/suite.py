@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -23,7 +24,7 @@ from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
-from reference.case import Case, load_case
+from reference.case import Case, CaseError, load_case
 from reference.process import build_setup
 
 Progress = Callable[[str, int, int], None]  # case, variants done, variants in all
@@ -79,6 +80,9 @@ def run_suite(
     """
     begin = time.perf_counter()
     loaded = [load_case(name) for name in cases]
+    for name, count in Counter(case.name for case in loaded).items():
+        if count > 1:
+            raise CaseError(f"{name}: {count} files with this case.name; allowed: a name of its own for each")
     infos = [
         make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)
     ]
@@ -188,7 +192,7 @@ def run_task(task: Task) -> Outcome:
                     ledgers = compare_ledgers(case, (ours, horizon), (theirs, study_horizon(other, theirs)))
                     outcome.comparisons.append(ledgers[0])
                     outcome.notes.append(ledgers[1])
-            except RuntimeError as problem:
+            except Exception as problem:  # whatever an engine does, the other comparisons go on
                 outcome.comparisons.append(_failed(task, name, f"{form}: {problem}"))
                 continue
             outcome.comparisons += compare_study(case, theirs, limits(ours))

@@ -56,6 +56,7 @@ class Run:
         """Write the run folder; each file appears whole or not at all.  Raises OSError."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / "provenance.json").unlink(missing_ok=True)
         self.case.save(folder / "case.toml")
         _write(folder / "trajectory.h5", self._write_arrays)
         _write(folder / "contacts.parquet", lambda path: self.contacts.to_parquet(path, index=False))

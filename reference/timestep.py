@@ -151,7 +151,7 @@ def iterate_fixed_point(model, dt, pad_height, p, work):
         change, move, distance = 0.0, 0.0, 0.0
         for axis, u in enumerate((ux, uy, uz)):
             force = work.impulse[i, axis] + dt * k * (u - v[axis])
-            velocity_k = (p.mass[i] * p.velocity[i, axis] + force) / inertia
+            velocity_k = p.velocity[i, axis] + (force - work.gained[i] * p.velocity[i, axis]) / inertia
             r = p.position[i, axis] + dt * velocity_k
             change += (r - work.trial[i, axis]) ** 2
             move += (r - p.position[i, axis]) ** 2

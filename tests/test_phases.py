@@ -1,4 +1,4 @@
-"""Copies of one problem side by side: they evolve as if alone, and quantities are taken copy by copy.
+"""Copies and levels of one problem: which runs are made, that copies evolve as if alone, quantities of each.
 
 What the quantities have to be is tested with the judges, in `test_judges.py`.
 """
@@ -6,13 +6,18 @@ What the quantities have to be is tested with the judges, in `test_judges.py`.
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cmpcheck import quantities as q
+from cmpcheck.engines.protocol import Resolution
 from cmpcheck.phases import split, surfaces, tile, unwrapped
+from cmpcheck.study import Study, align_outputs, engine_study, reference_study
 from reference.case import load_case
 from reference.heightfield import Heightfield
 from reference.process import build_setup
@@ -46,6 +51,7 @@ def alone(setup: Setup, shift: float) -> Setup:
     return replace(setup, state=replace(state, position=position))
 
 
+PAIRS = pytest.mark.parametrize("name, variant", [("pair_head_on", "e0.5"), ("pair_slip", "")])
 DIVERSE = pytest.mark.parametrize(
     "name, variant",
     [("pair_head_on", "e0.5"), ("pair_slip", ""), ("wall_oblique", "60deg"), ("asperity_bounce", "valley")],
@@ -103,7 +109,7 @@ def test_the_phases_reach_the_ledger():
     assert len(set(np.round(normals, 6))) == COPIES
 
 
-@pytest.mark.parametrize("name, variant", [("pair_head_on", "e0.5"), ("pair_slip", "")])
+@PAIRS
 def test_pairs_that_meet_across_a_periodic_boundary_stay_within_their_copy(name, variant):
     setup = setup_of(name, variant)
     tiled = tile(setup, COPIES, setup.time_step)
@@ -211,12 +217,82 @@ def test_volume_is_lost_node_by_node():
 
 def test_the_models_impulse_has_the_external_force_act_for_the_whole_duration():
     """J = J_engine - E_n (delta t - t_c): 7 - (-2) (5 - 1) = 15; a longer contact counts the other way."""
-    rows = pd.DataFrame(
-        {
-            "normal_impulse": [7.0, 7.0, 7.0],
-            "external_force": [-2.0, -2.0, 0.0],
-            "duration": [5.0, 5.0, 5.0],
-            "contact_time": [1.0, 6.0, 1.0],
-        }
-    )
+    columns = ["normal_impulse", "external_force", "duration", "contact_time"]
+    rows = pd.DataFrame([[7.0, -2.0, 5.0, 1.0], [7.0, -2.0, 5.0, 6.0], [7.0, 0.0, 5.0, 1.0]], columns=columns)
     assert q.model_impulse(rows).tolist() == [15.0, 5.0, 7.0]
+
+
+# Which runs are made
+
+RELAXATION = load_case("drag_relaxation")
+
+
+class Listener:
+    """An engine and judge in one that only remember what was asked of them."""
+
+    name = "lammps"
+
+    def __init__(self, soft: bool):
+        self.refines_contact, self.has_surface_contact, self.copies = soft, False, 2
+        self.asked: list[Resolution] = []
+        self.shifts: list[float] = []
+
+    def run(self, setup, resolution):
+        self.asked.append(resolution)
+        assert setup.copies == 2
+        ahead = setup.state.position[1, 2] - setup.state.position[0, 2]
+        self.shifts.append(ahead / setup.state.velocity[0, 2])
+        return SimpleNamespace()
+
+    def measure(self, setup, run):
+        return []
+
+
+def asked_for(soft: bool, form: str, duration: float = 8e-8) -> tuple[Study, Listener]:
+    listener = Listener(soft)
+    table = {"lammps": {"contact_duration": duration, "steps_per_contact": 40}}
+    setup = align_outputs(build_setup(RELAXATION))
+    setup = replace(setup, case=RELAXATION.model_copy(update={"engine": table}))
+    return engine_study(listener, listener, setup, "quick", form), listener
+
+
+def test_the_reference_runs_at_halved_steps_each_with_its_own_phases():
+    listener, setup = Listener(soft=True), align_outputs(build_setup(RELAXATION))
+    study = reference_study(listener, listener, setup, "quick")
+    steps = [resolution.time_step for resolution in listener.asked]
+    assert steps == [setup.time_step / 2**k for k in range(5)]
+    np.testing.assert_allclose(listener.shifts, np.array(steps) / 2, rtol=1e-5, atol=0.0)  # of positions 1e-6
+    assert study.finest.resolution == listener.asked[-1]
+    assert list(study.series) == ["time step"]
+
+
+def test_a_soft_engine_is_refined_in_duration_at_fixed_steps_per_contact_and_in_time_step():
+    study, listener = asked_for(soft=True, form="soft")
+    durations, steps = study.series["contact duration"], study.series["time step"]
+    assert [level.resolution.contact_duration for level in durations] == [8e-8, 4e-8, 2e-8]
+    per_contact = [level.resolution.steps_per_contact for level in durations]
+    assert per_contact == pytest.approx([per_contact[0]] * 3, rel=4 * EPS, abs=0.0)
+    assert {level.resolution.contact_duration for level in steps} == {2e-8}
+    assert steps[0].resolution.steps_per_contact >= 40
+    ratios = [level.resolution.time_step / steps[-1].resolution.time_step for level in steps]
+    assert ratios == [4.0, 2.0, 1.0]
+    assert durations[-1] is steps[-1] is study.finest
+    assert len(listener.asked) == len(study.levels) == 5
+
+
+@pytest.mark.parametrize("soft, form, duration", [(True, "impulse", 2e-8), (False, "native", 8e-8)])
+def test_an_engine_without_soft_contacts_is_refined_in_time_step_only(soft, form, duration):
+    study, listener = asked_for(soft, form)
+    assert list(study.series) == ["time step"]
+    assert {resolution.contact_duration for resolution in listener.asked} == {duration}
+    assert len(listener.asked) == 3
+
+
+@given(duration=st.floats(1e-9, 1e-6))
+def test_an_engines_steps_divide_the_time_between_outputs(duration):
+    study, _ = asked_for(soft=True, form="soft", duration=duration)
+    interval = align_outputs(build_setup(RELAXATION)).output_times[1]
+    for level in study.series["time step"]:
+        steps = interval / level.resolution.time_step
+        assert steps == pytest.approx(round(steps), rel=1e-12, abs=0.0)  # a handful of roundings
+        assert level.resolution.steps_per_contact >= 40 * (1.0 - 1e-12)

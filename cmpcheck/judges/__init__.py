@@ -16,28 +16,31 @@ __all__ = ["Judge", "Measured", "judge_of"]
 
 def judge_of(setup: Setup) -> Judge:
     """The judge of a setup.  Raises CaseError for a kind of case that nothing is known about."""
+    try:
+        judge = _judge_of(setup)
+    except ValueError as problem:  # of a closed form that has no solution
+        raise CaseError(f"{setup.case.name}: nothing happens that could be compared: {problem}") from None
+    if judge is None:
+        raise CaseError(
+            f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres "
+            "without a wall, one sphere and a wall (with a uniform flow: a flat one), spheres in a flow "
+            "away from walls, a swarm without either"
+        )
+    return judge
+
+
+def _judge_of(setup: Setup) -> Judge | None:
     model, particles = setup.model, len(setup.state.mass)
     explicit = bool(setup.case.particle)
-    drags, wall = model.flow != FLOW_NONE, model.has_surface
-    if not model.has_pad:
-        if explicit and ((drags and not wall) or model.flow == FLOW_COUETTE):
-            return DragJudge(setup)
-        if explicit and particles == 2 and not wall:
-            return PairJudge(setup)
-        if explicit and particles == 1 and wall and not drags:
-            return WallJudge(setup)
-        if (
-            explicit
-            and particles == 1
-            and wall
-            and model.flow == FLOW_UNIFORM
-            and not setup.state.heights.any()
-        ):
-            return TrainJudge(setup)
-        if not drags and not wall:
-            return SwarmJudge(setup)
-    raise CaseError(
-        f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres without a "
-        "wall, one sphere and a wall (with a uniform flow: a flat one), spheres in a flow away from walls, "
-        "a swarm without either"
-    )
+    drags, wall, flat = model.flow != FLOW_NONE, model.has_surface, not setup.state.heights.any()
+    if model.has_pad:
+        return None
+    if explicit and ((drags and not wall) or model.flow == FLOW_COUETTE):
+        return DragJudge(setup)
+    if explicit and particles == 2 and not wall:
+        return PairJudge(setup)
+    if explicit and particles == 1 and wall and not drags:
+        return WallJudge(setup)
+    if explicit and particles == 1 and wall and flat and model.flow == FLOW_UNIFORM:
+        return TrainJudge(setup)
+    return SwarmJudge(setup) if not drags and not wall else None

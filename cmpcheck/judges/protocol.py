@@ -36,6 +36,7 @@ class Measured:
     limit: float = LIMIT
     against_exact: bool = False  # engines, too, are judged against the exact value
     rounding: float = 0.0  # > 0: no discretisation enters; the bound of its rounding error
+    expected_error: float = 0.0  # uncertainty of the expected value itself
 
 
 class Findings(list[Measured]):

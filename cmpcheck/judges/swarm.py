@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cmpcheck import quantities as q
 from cmpcheck.judges.protocol import Findings, Measured, add_momentum
 from cmpcheck.results import Trace
@@ -20,14 +22,18 @@ class SwarmJudge:
         self.setup = setup
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
-        """Momentum, and the energy that the ledger accounts for against the energy that is gone."""
+        """Momentum, energy against the ledger's account of it, and what changes between contacts."""
         found = Findings()
         add_momentum(found, run, setup.copies)
+        steps, start = run.provenance["steps"], float(q.kinetic_energy(run, 0, 1)[0])
         if run.provenance["engine"] == "reference":
-            start, end = (float(q.kinetic_energy(run, frame, 1)[0]) for frame in (0, -1))
-            balance = start - end - float(run.contacts["energy_lost"].sum())
-            rounding = run.provenance["steps"] * q.EPS * start
-            found.add("energy_balance", "9-19", "J", balance, 0.0, start, rounding=rounding)
+            balance = (
+                start - float(q.kinetic_energy(run, -1, 1)[0]) - float(run.contacts["energy_lost"].sum())
+            )
+            found.add("energy_balance", "9-19", "J", balance, 0.0, start, rounding=steps * q.EPS * start)
+        speed = float(np.abs(run.velocities).max())
+        drift = q.free_flight_change(run, setup)
+        found.add("free_flight", "2", "m/s", drift, 0.0, speed, rounding=steps * q.EPS * speed)
         return found
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:

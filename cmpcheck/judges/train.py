@@ -49,6 +49,8 @@ class TrainJudge:
         for k, rows in enumerate(q.contact_columns(contacts, self.impacts)):
             hit, place = self.exact.impacts[k], f"impact {k + 1}"
             speed, impulse, volume = self.exact.approach_speeds[k], hit.normal_impulse, hit.removal.volume
+            time = self.exact.times[k]
+            found.add("impact_time", "20-22", "s", rows["time"], time, time, place)
             found.add("approach_speed", "20-22, 29", "m/s", rows["approach_speed"], speed, speed, place)
             found.add("normal_impulse", "29, 30", "N s", q.model_impulse(rows), impulse, impulse, place)
             found.add("load", "30", "N", rows["load"], hit.load, hit.load, place)

@@ -106,7 +106,7 @@ class WallJudge:
             before = hit.velocity
         after = q.final_velocity(run, copies)[:, 0]
         for axis, name in enumerate("xyz"):
-            final = hits[-1].velocity[axis]
+            final = self.exact.velocities[-1][axis]
             found.add(f"velocity_{name}", "29, 31", "m/s", after[:, axis], final, speed)
         if len(hits) == 1:
             normal = self.exact.normals[0]
@@ -117,7 +117,7 @@ class WallJudge:
         energy = 0.5 * float(start.mass[0]) * speed**2
         lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
         found.add("energy_lost", "29, 31", "J", lost, sum(hit.energy_lost for hit in hits), energy)
-        if self.setup.model.deposit != DEPOSIT_NONE:
+        if any(hit.removal.volume > 0.0 for hit in hits):
             self._add_mass(found, run, copies)
         path = speed * self.setup.end_time
         found.add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
@@ -141,6 +141,15 @@ class WallJudge:
         cut = sum(hit.removal.volume for hit in self.exact.hits) * model.surface_density
         gained, expected = q.mass_gained(run, copies), cut if model.mass_pickup else 0.0
         found.add("removed_mass", "36", "kg", gained, expected, cut, limit=limit, against_exact=True)
+        deeper = model.deposit == DEPOSIT_NODE_DEPTH
+        amounts = [
+            hit.removal.depth * model.spacing**2 if deeper else hit.removal.volume for hit in self.exact.hits
+        ]
+        lowered = model.acceleration * sum(amounts)
+        lost = q.volume_lost(run, copies)
+        found.add(
+            "removed_volume", "36", "m3", lost, lowered, lowered, "surface", limit=limit, against_exact=True
+        )
         if model.mass_pickup and model.deposit != DEPOSIT_NODE_DEPTH and model.acceleration == 1.0:
             add_mass_balance(found, run, copies, model.surface_density, cut)
 

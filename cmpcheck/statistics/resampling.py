@@ -52,9 +52,7 @@ class StudentizedMean:
         mean = values.mean()
         drawn = values[rng.integers(0, n, (resamples, n))]
         shift = drawn.mean(axis=1) - mean
-        spread = drawn.std(axis=1, ddof=1)
-        spread[np.ptp(drawn, axis=1) == 0] = 0.0  # not the rounding of their mean
-        error = spread / np.sqrt(n)
+        error = drawn.std(axis=1, ddof=1) / np.sqrt(n)
         ratios = np.divide(shift, error, out=np.copysign(np.inf, shift), where=error > 0)
         ratios[(shift == 0) & (error == 0)] = 0.0
         return StudentizedMean(float(mean), float(values.std(ddof=1) / np.sqrt(n)), np.sort(ratios))
