@@ -232,6 +232,13 @@ def scaled(factor: float, particles: slice = slice(None)) -> Spoil:
     return spoil
 
 
+def drifting(run: Run) -> Run:
+    """One particle is faster by 1e-9 at one output, and right again at the next."""
+    velocities = run.velocities.copy()
+    velocities[len(run.times) // 2, 0] *= 1.0 + 1e-9
+    return replace(run, velocities=velocities)
+
+
 def exchange(rows: pd.DataFrame) -> pd.DataFrame:
     """The first two contacts that share a particle change places."""
     met = rows[["i", "j"]].to_numpy()
@@ -243,13 +250,14 @@ def exchange(rows: pd.DataFrame) -> pd.DataFrame:
 
 RUBBED = {"friction_impulse", "trajectory_distance"}
 IMPULSES = {"normal_impulse", *RUBBED}
+FREE = {"momentum", "free_flight"}
 MU = ("static_friction", "dynamic_friction")
 
 
 def test_the_reference_as_an_engine_agrees_with_itself(swarm):
     rows = rows_of(swarm, Fake())
     assert {row.status for row in rows} == {"agree"}
-    assert {row.quantity for row in rows} == {"contact_order", "momentum", "energy_lost", "free_flight", *IMPULSES}
+    assert {row.quantity for row in rows} == {"contact_order", "energy_lost", *FREE, *IMPULSES}
     assert rows[0].reference > 2 * FEWEST_CONTACTS
 
 
@@ -266,16 +274,13 @@ def test_the_reference_as_an_engine_agrees_with_itself_for_other_seeds(seed, tmp
         pytest.param(Fake(model(dynamic_friction=-1.0)), {"contact_order", *RUBBED}, id="friction drives"),
         pytest.param(Fake(spoil=contacts(lambda rows: rows.drop(index=30))), {"contact_order"}, id="dropped"),
         pytest.param(Fake(spoil=contacts(exchange)), {"contact_order"}, id="order"),
-        pytest.param(Fake(spoil=scaled(1 + 1e-8, slice(1))), {"momentum"}, id="momentum leaks"),
+        pytest.param(Fake(spoil=scaled(1 + 1e-8, slice(1))), FREE, id="momentum leaks"),
+        pytest.param(Fake(spoil=scaled(0.99)), FREE, id="energy leaks after the last contact"),
+        pytest.param(Fake(spoil=drifting), {"free_flight"}, id="velocity drifts for a while"),
     ],
 )
 def test_an_erroneous_engine_is_noticed_by(engine, quantities, swarm):
     assert {row.quantity for row in rows_of(swarm, engine) if row.status == "disagree"} >= quantities
-
-
-def test_energy_that_leaks_after_the_last_contact_is_noticed(swarm):
-    rows = rows_of(swarm, Fake(spoil=scaled(0.99)))
-    assert {row.quantity for row in rows if row.status == "disagree"} - {"momentum"}
 
 
 @pytest.mark.parametrize("spoil, balanced", [(lambda run: run, True), (scaled(1 + 1e-8), False)])

@@ -107,6 +107,8 @@ def test_without_velocities_particles_start_with_the_local_fluid():
     uniform = {"density": 1000.0, "viscosity": 1e-3, "flow": "uniform", "velocity": [0.1, -0.2, 0.3]}
     assert np.all(build_setup(make(fluid=uniform)).state.velocity == [0.1, -0.2, 0.3])
     assert np.all(build_setup(make()).state.velocity == 0.0)
+    under = build_setup(make(particles=SLURRY, pad={"speed": 0.8, "initial_height": 4e-6}, fluid=WATER)).state
+    close(under.velocity, under.position[:, 2:] * [1.0, 0.0, 0.0] * 0.8 / 4e-6)
 
 
 def test_the_default_threshold_is_the_yield_velocity():
@@ -245,6 +247,15 @@ def test_the_pad_rests_on_the_largest_particle_on_the_highest_node(deposit):
     else:
         assert not np.array_equal(run.surface.z, run.surface_initial.z)
         assert heights(run)[-1] >= rest - 1e-6 * ROUND
+
+
+def test_a_pad_that_starts_too_low_stays_there():
+    """Below z_max + d_max/2 it neither descends nor rises."""
+    surface = FLAT | {"kind": "asperities", "asperity_height": 1e-6, "raised": [[8, 8]]}
+    run = simulate(
+        polish(spheres=[ball((1e-6, 1e-6, 0.6e-6))], pad={"initial_height": 1.35e-6}, surface=surface)
+    )
+    assert np.all(heights(run) == 1.35e-6)
 
 
 def test_under_the_pad_particles_drift_with_the_layer():

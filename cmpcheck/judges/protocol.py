@@ -55,13 +55,14 @@ class Findings(list[Measured]):
         limit: float = LIMIT,
         against_exact: bool = False,
         rounding: float = 0.0,
+        expected_error: float = 0.0,
     ) -> None:
         """Add one quantity; see `Measured`."""
         array = np.atleast_1d(np.asarray(values, float))
         self.append(
             Measured(
                 quantity, place, equations, unit, array, float(expected), float(scale), limit, against_exact,
-                rounding,
+                rounding, expected_error,
             )
         )  # fmt: skip
 
