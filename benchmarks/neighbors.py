@@ -103,7 +103,7 @@ def main() -> None:
         "",
         f"Ratios to N = {BASE}, at constant density: 1 in every row is a cost linear in N. Written by",
         "`python -m benchmarks.neighbors`. A step contains drag, pair contacts and its share of one listing",
-        f"of neighbors every {STEPS} steps. Past the processor's caches the cost per particle rises once.",
+        f"of neighbors every {STEPS} steps.",
         "",
         "\n\n".join(table(shape) for shape in SHAPES),
         "",

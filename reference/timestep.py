@@ -202,6 +202,8 @@ def solve_fixed_point(model, numerics, dt, time, pad_height, pairs, p, heights, 
         first_error = error if k == 1 else first_error
         if not error > numerics.tolerance:
             break
+    if numerics.iterated_contacts:
+        work.clearance[:] = 0.0  # it was that of the iterate
     return found, error, step_factor(error, first_error, k, numerics.tolerance, numerics.iterations)
 
 
@@ -306,7 +308,7 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
                 shrink = factor if math.isfinite(factor) else MIN_SHRINK
                 progress[P.step] = dt * min(max(shrink, MIN_SHRINK), MAX_SHRINK)
                 if progress[P.step] < SMALLEST_STEP * numerics.time_step:
-                    progress[P.culprit] = max(first_not_finite(p.velocity, p.position), 0)
+                    progress[P.culprit] = max(first_not_finite(work.velocity, work.trial), 0)
                     return STEP_VANISHED
                 continue
             if dt == progress[P.step] or factor < 1.0:  # a step cut short to reach t_end teaches nothing

@@ -357,7 +357,6 @@ def test_a_step_that_vanishes_is_given_up():
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
-@pytest.mark.xfail(strict=False, reason="the state before the step is searched, which is finite")
 def test_the_particle_that_made_the_step_vanish_is_named():
     two = Particles([FALL[0], FALL[0] + 2e-6], [(0.0, 0.0, 0.0), FALL[1]])
     two.mass[0] *= 1e12  # so heavy that the flow does not move it
@@ -365,7 +364,6 @@ def test_the_particle_that_made_the_step_vanish_is_named():
     assert two.scalars[P.culprit] == 1
 
 
-@pytest.mark.xfail(strict=False, reason="the clearance is that of the last iterate, not of the start")
 def test_a_restart_of_iterated_contacts_sees_the_contact_again():
     """Without a flow the contact at the start of the step is all there is: its time is 0."""
     one, floor = on_the_floor(-1.0)
