@@ -120,7 +120,11 @@ def compare_study(case: Case, study: Study, reference: dict[Key, Extrapolation] 
             rows.append(_judge_rounding(blank, study, key))
         elif key in found:
             target = exact(finest.expected, finest.scale)
-            target = replace(target, uncertainty=target.uncertainty + finest.expected_error)
+            if finest.expected_error > 0.0:
+                reason = "uncertainty of the value to compare with"
+                target = replace(
+                    target, uncertainty=target.uncertainty + finest.expected_error, reason=reason
+                )
             if reference is not None and not finest.against_exact and key in reference:
                 target = reference[key]
             rows.append(_judge(blank, finest, target, found[key]))

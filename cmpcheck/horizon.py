@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from cmpcheck.convergence import SAFETY_OTHERWISE
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.judges import Measured
 from cmpcheck.phases import unwrapped
@@ -83,7 +82,7 @@ def compare_ledgers(
     distance to the reference's extrapolated positions at the last output before it.
     """
     (ours, our_horizon), (theirs, their_horizon) = reference, other
-    end = float(ours.finest.run.times[-1])
+    end = float(ours.finest.run.times[-1]) - _lateness(ours) - _lateness(theirs)
     horizon = min(our_horizon.time, their_horizon.time, end)
     parting = first_parting(ours.finest.run, theirs.finest.run)
     contacts = ours.finest.run.contacts
@@ -169,10 +168,10 @@ def _add_distances(ours: Study, theirs: Study, horizon: float) -> None:
     def at(level: Level) -> np.ndarray:
         return unwrapped(level.run, level.setup)[frame]
 
-    fine, coarse = (at(level) for level in ours.series["time step"][:-3:-1])
-    limit = 2.0 * fine - coarse  # first order, halved steps
+    fine, middle, coarse = (at(level) for level in ours.series["time step"][:-4:-1])
+    limit = 2.0 * fine - middle  # first order, halved steps
     path = _root_mean_square(fine - ours.finest.setup.state.position)
-    error = SAFETY_OTHERWISE * _root_mean_square(fine - coarse)
+    error = _root_mean_square(limit - (2.0 * middle - coarse))  # between the last two limits
     place = f"at {times[frame] * 1e9:.0f} ns"
     for level in theirs.levels:
         value = np.array([_root_mean_square(at(level) - limit)])
@@ -183,6 +182,11 @@ def _add_distances(ours: Study, theirs: Study, horizon: float) -> None:
     for level in [*ours.levels, *theirs.levels]:
         lost = kinetic_energy(level.run, 0, 1) - kinetic_energy(level.run, frame, 1)
         level.measured.append(Measured("energy_lost", place, "9-19", "J", lost, math.nan, start))
+
+
+def _lateness(study: Study) -> float:
+    """How much later than it should a contact may begin or end: the longest contact and step."""
+    return max(level.resolution.contact_duration + level.resolution.time_step for level in study.levels)
 
 
 def _root_mean_square(vectors: np.ndarray) -> float:

@@ -142,13 +142,21 @@ def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]
             for future in done:
                 if isinstance(future.exception(), BrokenProcessPool):
                     continue
-                yield left.pop(id(futures[future])), future.result()
+                task = left.pop(id(futures[future]))
+                yield task, _outcome(task, future)
     for task in left.values():  # the pool broke: each task that it had not finished gets a process of its own
         with ProcessPoolExecutor(1, context) as single:
-            try:
-                yield task, single.submit(run_task, task).result()
-            except BrokenProcessPool:
-                yield task, Outcome([_failed(task, "lammps", "the process that ran it died")])
+            yield task, _outcome(task, single.submit(run_task, task))
+
+
+def _outcome(task: Task, future: Future) -> Outcome:
+    """What a task found; one that failed as a whole is an error of each of its engines."""
+    problem = future.exception()
+    if problem is None:
+        return future.result()
+    died = isinstance(problem, BrokenProcessPool)
+    reason = "the process that ran it died" if died else f"{type(problem).__name__}: {problem}"
+    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)])
 
 
 def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:

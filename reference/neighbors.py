@@ -93,16 +93,20 @@ def neighbor_pairs(position, cutoff, periods):
     periodic.  An axis with fewer than three cells is searched whole.  The order depends on positions only.
     """
     n = position.shape[0]
-    low, cell, counts = np.zeros(3), np.ones(3), np.ones(3, np.int64)
-    most = max(1, math.ceil(n ** (1.0 / 3.0)) * 2)  # cells per axis: bounded memory for sparse systems
+    low, extent, cell, counts = np.zeros(3), periods.copy(), np.ones(3), np.ones(3, np.int64)
     for axis in range(3):
-        extent = periods[axis]
-        if extent == 0.0 and n > 0:
+        if periods[axis] == 0.0 and n > 0:
             low[axis] = position[:, axis].min()
-            extent = position[:, axis].max() - low[axis]
-        cells = min(math.floor(extent / cutoff), most) if cutoff > 0.0 else 1
-        counts[axis] = cells if cells >= 3 else 1
-        cell[axis] = extent / counts[axis] if extent > 0.0 else 1.0
+            extent[axis] = position[:, axis].max() - low[axis]
+        if cutoff > 0.0:
+            counts[axis] = max(1, math.floor(min(extent[axis] / cutoff, 1e6)))
+    while counts[0] * counts[1] * counts[2] > 8 * n + 27:  # bounded memory for sparse systems
+        counts[counts.argmax()] //= 2
+    for axis in range(3):
+        if counts[axis] < 3:
+            counts[axis] = 1
+        if extent[axis] > 0.0:
+            cell[axis] = extent[axis] / counts[axis]
     first, order = _bin_particles(position, low, cell, counts)
     pairs = np.empty((8 * n + 16, 2), np.int64)
     found = _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs)

@@ -220,6 +220,19 @@ def first_not_finite(velocity, position):
 
 
 @kernel
+def wildest(velocity):
+    """Index of the particle whose velocity is not a number, or else the largest."""
+    worst, fastest = 0, -1.0
+    for i in range(velocity.shape[0]):
+        square = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        if not square <= math.inf:
+            return i
+        if square > fastest:
+            worst, fastest = i, square
+    return worst
+
+
+@kernel
 def accept(model, dt, p, work):
     """Move all particles to the end of the step; return (the longest way of any, m; work of the fluid, J).
 
@@ -308,7 +321,7 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
                 shrink = factor if math.isfinite(factor) else MIN_SHRINK
                 progress[P.step] = dt * min(max(shrink, MIN_SHRINK), MAX_SHRINK)
                 if progress[P.step] < SMALLEST_STEP * numerics.time_step:
-                    progress[P.culprit] = max(first_not_finite(work.velocity, work.trial), 0)
+                    progress[P.culprit] = wildest(work.velocity)
                     return STEP_VANISHED
                 continue
             if dt == progress[P.step] or factor < 1.0:  # a step cut short to reach t_end teaches nothing

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from cmpcheck.judges.protocol import Findings, Measured
+from cmpcheck.judges.protocol import Findings, Measured, require_stokes
 from cmpcheck.phases import unwrapped
 from cmpcheck.results import Trace
 from reference import exact
+from reference.drag import fluid_velocity
 from reference.recording import Run
 from reference.state import FLOW_COUETTE, Setup
 
@@ -22,6 +25,10 @@ class DragJudge:
     def __init__(self, setup: Setup):
         self.setup = setup
         self.cached: dict[bytes, list[exact.DragMotion]] = {}
+        if setup.model.flow == FLOW_COUETTE:
+            flow = np.array([fluid_velocity(setup.model, math.nan, z) for z in setup.state.position[:, 2]])
+            slip = np.linalg.norm(flow - setup.state.velocity, axis=1)
+            require_stokes(setup, slip)
 
     def motions(self, times: np.ndarray) -> list[exact.DragMotion]:
         """Exact motion of each particle at given times."""
@@ -45,6 +52,7 @@ class DragJudge:
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
         """Of each particle, velocities halfway and at the end, and its distance from the exact path."""
         found = Findings()
+        found.add("impacts", "20-22", "1", len(run.contacts), 0.0, 1.0, rounding=0.5)
         positions, last = unwrapped(run, setup), len(run.times) - 1
         shear = self.setup.model.flow == FLOW_COUETTE
         equations = "20-22, 37-39"

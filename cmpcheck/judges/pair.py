@@ -58,7 +58,8 @@ class PairJudge:
         if self.setup.model.static_friction > 0.0:
             values = rows["friction_impulse"]
             found.add("friction_impulse", "14-18", "N s", values, friction, friction or normal)
-        found.add("restitution", "5, 8", "1", parting / before, self.setup.model.restitution, 1.0)
+        e = self.setup.model.restitution
+        found.add("restitution", "5, 8", "1", parting / before, e, e or 1.0)
         found.add("energy_lost", "3-9", "J", lost, hit.energy_lost, energy)
         for k, final in enumerate((hit.velocity_i, hit.velocity_j)):
             for axis, name in enumerate("xyz"):

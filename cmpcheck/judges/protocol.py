@@ -88,6 +88,14 @@ def add_mass_balance(found: Findings, run: Run, copies: int, density: float, sca
     found.add("mass_balance", "36", "kg", balance, 0.0, scale, rounding=rounding)
 
 
+def require_stokes(setup: Setup, slip: np.ndarray) -> None:
+    """Raise ValueError where the largest slips (N,), in m/s, exceed Re = 1, the end of Stokes's drag."""
+    model = setup.model
+    reynolds = float((model.fluid_density * slip * setup.state.diameter / model.viscosity).max())
+    if reynolds > 1.0:
+        raise ValueError(f"the closed form holds for Re <= 1, and a particle has up to Re = {reynolds:.3g}")
+
+
 class Judge(Protocol):
     """The physics of one kind of case."""
 

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Measured, add_mass_balance
+from cmpcheck.judges.protocol import (
+    REMOVED_VOLUME_LIMIT,
+    Findings,
+    Measured,
+    add_mass_balance,
+    require_stokes,
+)
 from cmpcheck.judges.wall import wall_of
 from cmpcheck.phases import unwrapped
 from cmpcheck.results import Trace
@@ -26,6 +34,7 @@ class TrainJudge:
     def __init__(self, setup: Setup):
         self.setup = setup
         state, model = setup.state, setup.model
+        require_stokes(setup, np.abs(model.flow_z) + np.abs(state.velocity[:, 2]))
         self.radius = float(state.diameter[0]) / 2
         self.drag_factor = 3.0 * math.pi * model.viscosity * 2.0 * self.radius
         self.exact = self._train(float(state.position[0, 2]))

@@ -113,7 +113,8 @@ class WallJudge:
             returned = (
                 run.masses[-1] * (after @ normal) / -(start.mass[0] * float(start.velocity[0] @ normal))
             )
-            found.add("restitution", "28", "1", returned, self.setup.model.restitution, 1.0)
+            e = self.setup.model.restitution
+            found.add("restitution", "28", "1", returned, e, e or 1.0)
         energy = 0.5 * float(start.mass[0]) * speed**2
         lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
         found.add("energy_lost", "29, 31", "J", lost, sum(hit.energy_lost for hit in hits), energy)
