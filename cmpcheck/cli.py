@@ -118,11 +118,11 @@ def compare(
 
     from cmpcheck import outputs
     from cmpcheck.report import exit_code, summary_table, write_report
-    from cmpcheck.suite import run_suite
+    from cmpcheck.suite import comparable_cases, run_suite
     from cmpcheck.verdicts import headline
-    from reference.case import available_cases, load_case
+    from reference.case import load_case
 
-    names = cases or available_cases()
+    names = cases or comparable_cases()
     loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
@@ -198,6 +198,57 @@ def deck(context: typer.Context) -> None:
     if arguments and not arguments[0].startswith("-"):
         arguments.insert(0, "-in")
     raise typer.Exit(run_deck(arguments))
+
+
+@_command()
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="a run folder")],
+    form: Annotated[str, typer.Option("--format", help="vtu, pvd, stl, csv or dump")],
+    out: Annotated[Path | None, typer.Option(help="folder to write; default RUN/FORMAT")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="write into a folder that holds other files")
+    ] = False,
+) -> None:
+    """Write a run for other programs.
+
+    vtu (first and last state) and pvd (all times) for ParaView, stl the surface, csv tables, dump for OVITO.
+    """
+    from cmpcheck.export import FORMATS, export_run, load_run
+    from reference.toml_source import nearest
+
+    if form not in FORMATS:
+        raise BadInput(f"unknown format {form!r}: {nearest(form, FORMATS)}")
+    loaded = load_run(run)
+    files = export_run(loaded, form, out or run / form, force)
+    if not loaded.provenance.get("complete"):
+        typer.echo(f"cmpcheck: {run} is not complete: it ends at {loaded.times[-1]:g} s", err=True)
+    for file in files if len(files) < 5 else files[-1:]:
+        typer.echo(str(file))
+
+
+@_command()
+def figures(
+    out: Annotated[Path, typer.Option(help="folder of the figures")] = Path("reports/figures"),
+    samples: Annotated[int, typer.Option(min=2, help="runs whose mean and spread are drawn")] = 8,
+    jobs: Annotated[int | None, typer.Option(min=1, help="runs at a time; default one per processor")] = None,
+) -> None:
+    """Draw the paper's figures from our own runs.
+
+    Figs. 2 to 6 as SVG and PNG, with captions in README.md; earlier ones are replaced.
+    """
+    from cmpcheck.figures import EXAMPLE, simulate_samples, write_figures
+    from cmpcheck.outputs import writable
+    from reference.case import load_case
+
+    writable(out)
+    (case,) = load_case(EXAMPLE).variants()
+    with _progress() as bars:
+        task = bars.add_task(case.name, total=samples)
+        runs = simulate_samples(
+            case, samples, jobs or os.cpu_count() or 1, lambda done: bars.update(task, completed=done)
+        )
+    for file in write_figures(runs, out):
+        typer.echo(str(file))
 
 
 @_command()

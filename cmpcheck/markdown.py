@@ -11,8 +11,9 @@ from cmpcheck.page import printed_row, tally_text
 from cmpcheck.results import CaseResult, Comparison, SuiteResult
 
 _PARTS = (
-    ("1 Verification: does the reference solve the paper's equations?", True),
-    ("2 Cross-check: do the engines reproduce the reference?", False),
+    ("1 Verification: does the reference solve the paper's equations?", "1"),
+    ("2 Cross-check: do the engines reproduce the reference?", "2"),
+    ("3 Statistics: where trajectories cannot be compared, are the ensembles equivalent?", "3"),
 )
 
 
@@ -43,8 +44,8 @@ def render(result: SuiteResult) -> str:
             ["quantity", *engines],
             [[words(q), *(percent(row.get(engine)) for engine in engines)] for q, row in closeness.items()],
         )
-    for title, of_reference in _PARTS:
-        sections = [section for case in result.cases for section in _case(case, of_reference)]
+    for title, part in _PARTS:
+        sections = [section for case in result.cases for section in _case(case, part)]
         if sections:
             lines += ["", f"## {title}", *sections]
     return "\n".join(lines) + "\n"
@@ -56,15 +57,15 @@ def plain(text: str) -> str:
     return re.sub(r"([\\`*{}\[\]<>#|~&$]|(?<!\w)_|_(?!\w))", r"\\\1", flat)
 
 
-def _case(case: CaseResult, of_reference: bool) -> list[str]:
-    rows = [row for row in case.comparisons if (row.engine == verdicts.REFERENCE) == of_reference]
-    convergences = [c for c in case.convergences if (c.engine == verdicts.REFERENCE) == of_reference]
+def _case(case: CaseResult, part: str) -> list[str]:
+    rows = [row for row in case.comparisons if verdicts.part_of(row) == part]
+    convergences = [c for c in case.convergences if ("1" if c.engine == verdicts.REFERENCE else "2") == part]
     if not rows and not convergences:
         return []
     lines = ["", f"### {plain(case.name)}: {plain(case.title)}", "", plain(case.sentence)]
     if case.equations:
         lines[-1] += f" (Eqs. {plain(case.equations)})"
-    first = of_reference or not any(row.engine == verdicts.REFERENCE for row in case.comparisons)
+    first = part == min(map(verdicts.part_of, case.comparisons), default="1")
     lines += [item for note in case.notes if first for item in ("", plain(note))]
     if rows:
         lines += ["", f"{len(rows)} comparison{'s' * (len(rows) > 1)}: {tally_text(rows)}.", "", *_rows(rows)]

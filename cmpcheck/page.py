@@ -64,6 +64,7 @@ class Block:
     tally: str
     panels: list[Panel] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    first: bool = True  # the first part in which the case stands, where its notes are shown
 
 
 def printed_row(row: Comparison) -> Row:
@@ -102,7 +103,7 @@ def render(result: SuiteResult) -> str:
         loader=PackageLoader("cmpcheck"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=lambda value: value if isinstance(value, Markup) else printable(value),
     )  # fmt: skip
-    parts = {"1": _blocks(result, "1"), "2": _blocks(result, "2")}
+    parts = {part: _blocks(result, part) for part in ("1", "2", "3")}
     anchors = {(block.case.name, part): block.anchor for part, blocks in parts.items() for block in blocks}
     return environment.get_template("index.html.j2").render(
         result=result,
@@ -116,6 +117,7 @@ def render(result: SuiteResult) -> str:
         closeness_engines=_judged(result),
         verification=parts["1"],
         crosscheck=parts["2"],
+        statistics=parts["3"],
         anchors=anchors,
         provenance=list(_flat(result.provenance)),
         symbols=verdicts.SYMBOLS,
@@ -142,13 +144,15 @@ def _judged(result: SuiteResult) -> list[str]:
 
 
 def _blocks(result: SuiteResult, part: str) -> list[Block]:
-    """The cases that have anything to show in the part: "1" the reference, "2" the other engines."""
+    """The cases that have anything to show in a part: "1" the reference, "2" other engines, "3" ensembles."""
     blocks: list[Block] = []
     for index, case in enumerate(result.cases):
-        own = [row for row in case.comparisons if (row.engine == REFERENCE) == (part == "1")]
-        convergences = [c for c in case.convergences if (c.engine == REFERENCE) == (part == "1")]
+        own = [row for row in case.comparisons if verdicts.part_of(row) == part]
+        ensemble = any(row.kind == "statistical" for row in case.comparisons)
+        convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else "2") == part]
         crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
-        traces = [t for t in case.traces if (t.label in crossed) == (part == "2")]
+        home = "3" if ensemble else "2"
+        traces = [t for t in case.traces if (home if t.label in crossed else "1") == part]
         if not (own or convergences or traces):
             continue
         anchor = f"part-{part}-case-{index + 1}"
@@ -159,6 +163,7 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
             anchor, f"{part}.{len(blocks) + 1}", case, [printed_row(row) for row in own],
             [printed_row(row) for row in ordered[:shown]] if len(own) > shown + 2 else [], tally_text(own),
         )  # fmt: skip
+        block.first = part == min(map(verdicts.part_of, case.comparisons), default=part)
         _draw(block, traces, convergences)
         blocks.append(block)
     return blocks

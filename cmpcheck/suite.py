@@ -19,16 +19,18 @@ from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
+from cmpcheck.ensembles import compare_ensembles
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
-from reference.case import Case, CaseError, load_case
+from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
 Progress = Callable[[str, int, int], None]  # case, variants done, variants in all
 REFERENCE_TRACES = ("exact", "reference")
+NO_TABLE = "the case has no [engine.{}] with contact_duration and steps_per_contact"
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,11 @@ class Outcome:
     seconds: float = 0.0
 
 
+def comparable_cases() -> list[str]:
+    """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them."""
+    return [name for name in available_cases() if load_case(name).engine]
+
+
 def run_suite(
     cases: list[str],
     engines: list[str] | None,
@@ -90,7 +97,11 @@ def run_suite(
     tasks = []
     for case in loaded:
         for k, variant in enumerate(case.variants()):
-            judge_of(build_setup(variant))
+            setup = build_setup(variant)
+            if not setup.model.has_pad:
+                judge_of(setup)
+            elif not variant.engine:
+                raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
                 if name in variant.engine:
                     contact_settings(variant, name)
@@ -171,6 +182,10 @@ def run_task(task: Task) -> Outcome:
     """Run and compare one variant in every engine; the run folders of the finest levels are kept."""
     begin = time.perf_counter()
     case, outcome = task.case.variants()[task.variant], Outcome()
+    if case.pad is not None:
+        _run_ensembles(task, case, outcome)
+        outcome.seconds = time.perf_counter() - begin
+        return outcome
     setup = align_outputs(build_setup(case))
     judge = judge_of(setup)
     engine: Engine = make_engine("reference")
@@ -189,8 +204,7 @@ def run_task(task: Task) -> Outcome:
     _keep(task, ours, outcome)
     for name in task.engines:
         if name not in case.engine:
-            reason = f"the case has no [engine.{name}] with contact_duration and steps_per_contact"
-            outcome.comparisons.append(_failed(task, name, reason, "not_tested"))
+            outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
             continue
         other = make_engine(name, task.decks)
         for form in ("soft", "impulse") if judge.has_surface_contact else ("native",):
@@ -211,6 +225,22 @@ def run_task(task: Task) -> Outcome:
     outcome.convergences += convergences(case, ours, limits(ours))
     outcome.seconds = time.perf_counter() - begin
     return outcome
+
+
+def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
+    """Compare samples of a case with a pad, whose trajectories part too early to be compared."""
+    for name in task.engines:
+        if name not in case.engine:
+            outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
+            continue
+        engines = make_engine("reference"), make_engine(name, task.decks)
+        try:
+            rows, traces = compare_ensembles(case, engines, task.profile)
+        except Exception as problem:  # whatever an engine does, the other comparisons go on
+            outcome.comparisons.append(_failed(task, name, str(problem)))
+            continue
+        outcome.comparisons += rows
+        outcome.traces += traces
 
 
 def _keep(task: Task, study: Study, outcome: Outcome) -> None:

@@ -59,6 +59,13 @@ def standing(row: Comparison) -> str:
     return KNOWN if row.status == "disagree" and row.known_departure else row.status
 
 
+def part_of(row: Comparison) -> str:
+    """The part of the report that a row belongs to: "1" the reference, "2" other engines, "3" ensembles."""
+    if row.kind == "statistical":
+        return "3"
+    return "1" if row.engine == REFERENCE else "2"
+
+
 def ratio(row: Comparison) -> float | None:
     """error/tolerance of a row that was judged; infinite for an error against a zero tolerance."""
     if row.status not in ("agree", "disagree") or math.isnan(row.error) or math.isnan(row.tolerance):

@@ -25,6 +25,7 @@ MAX_GROWTH = 2.0  # Phi of an accepted step
 MIN_SHRINK, MAX_SHRINK = 0.05, 0.9  # Phi of a rejected one
 SKIN = 0.3  # of the largest diameter: pairs that are this much further apart than touching are listed too
 MOST_DRAG_ITERATIONS = 100
+SLOWEST = 1e-9  # m/s: what approaches more slowly is the round-off of a contact that is over
 SMALLEST_STEP = 1e-9  # of the largest step: below it a restart is given up
 
 
@@ -264,7 +265,8 @@ def account(model, numerics, progress, dt, rows, first, last):
     for row in range(first, last):
         out = rows[row]
         progress[P.contacts] += 1
-        progress[P.largest_ratio] = max(progress[P.largest_ratio], out[col.DURATION] / dt)
+        if out[col.APPROACH_SPEED] > SLOWEST:
+            progress[P.largest_ratio] = max(progress[P.largest_ratio], out[col.DURATION] / dt)
         progress[P.contact_loss] += out[col.ENERGY_LOST]
         if out[col.KIND] == col.KIND_PAD:
             progress[P.pad_work] += out[col.NORMAL_IMPULSE] * model.pad_descent

@@ -173,7 +173,7 @@ def test_units_are_built_only_when_a_text_needs_them():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("name", available_cases())
+@pytest.mark.parametrize("name", [name for name in available_cases() if load_case(name).pad is None])
 def test_outputs_fall_on_steps_so_that_halving_the_step_halves_every_step(name):
     for run in load_case(name).variants():
         steps = run.case.duration / (run.case.outputs - 1) / run.numerics.time_step

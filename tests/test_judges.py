@@ -175,7 +175,8 @@ def one_higher(position: np.ndarray) -> np.ndarray:
 FRICTION = ("static_friction", "dynamic_friction")
 NO_DRAG = ledger(lambda rows: rows.assign(external_force=0.0))
 
-ALL = [(name, variant.variant) for name in available_cases() for variant in load_case(name).variants()]
+JUDGED = [name for name in available_cases() if load_case(name).pad is None]  # the others are ensembles
+ALL = [(name, variant.variant) for name in JUDGED for variant in load_case(name).variants()]
 SINGLE = [case for case in ALL if case[0] != "swarm"]
 HEAD_ON, SLIP, STICK = ("pair_head_on", "e0.5"), ("pair_slip", ""), ("pair_stick", "")
 BOUNCE, CLEAN, OBLIQUE = ("wall_bounce", "pickup"), ("wall_bounce", "no_pickup"), ("wall_oblique", "30deg")
