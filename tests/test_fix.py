@@ -258,7 +258,14 @@ def test_compiled_and_plain_form_agree(form, hertz):
     positions, velocities, heights = scatter(1)
     forms = [
         simulate(
-            positions, velocities, T_C / 5, 1000, model, heights=heights, form=form, sample_every=50,
+            positions,
+            velocities,
+            T_C / 5,
+            1000,
+            model,
+            heights=heights,
+            form=form,
+            sample_every=50,
             compiled=compiled,
         )
         for compiled in (True, False)
