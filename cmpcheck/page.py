@@ -21,7 +21,7 @@ from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, T
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
 ROWS_SHOWN = 6  # a longer table shows its worst rows and folds the rest
-PANELS = 8  # figures per case and part
+PANELS = 6  # figures per case and part
 
 
 class Row(NamedTuple):

@@ -119,7 +119,8 @@ def history_row(
     except ValueError:
         pi = float("nan")
     momentum = (state.mass[:, np.newaxis] * state.velocity).sum(axis=0)
-    energy = 0.5 * float((state.mass * (state.velocity**2).sum(axis=1)).sum())
+    with np.errstate(over="ignore"):  # of a state that is about to stop being finite
+        energy = 0.5 * float((state.mass * (state.velocity**2).sum(axis=1)).sum())
     mean_velocity = state.velocity[:, 0].mean() if len(state.mass) else 0.0
     values = (time, pi, state.pad_height, removed_volume, removed_mass, energy, *momentum, mean_velocity)
     return dict(zip(HISTORY, map(float, values), strict=True))

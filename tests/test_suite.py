@@ -25,7 +25,7 @@ from cmpcheck.judges.wall import WallJudge
 from cmpcheck.results import Comparison, EngineInfo
 from cmpcheck.study import align_outputs, reference_study
 from cmpcheck.suite import Outcome, Task, run_suite, run_task
-from reference.case import CASES, CaseError, available_cases, load_case
+from reference.case import CASES, CaseError, load_case
 from reference.process import build_setup
 from reference.recording import Run
 
