@@ -65,6 +65,7 @@ def main() -> None:
     text = MARKS.sub(lambda match: match.group(1) + table(report) + match.group(2), readme.read_text("utf-8"))
     readme.write_text(text, "utf-8")
     shutil.rmtree(EXAMPLE / "data", ignore_errors=True)  # run folders are large and can be made again
+    (EXAMPLE / "junit.xml").unlink(missing_ok=True)  # of use to the run that made it only
     screenshot(EXAMPLE / "index.html", EXAMPLE / "picture.png")
 
 
