@@ -15,8 +15,9 @@ import numpy as np
 
 from reference.ledger import empty_ledger
 from reference.neighbors import neighbor_pairs
+from reference.schemes import Numerics
 from reference.state import DEPOSIT_NONE, FLOW_UNIFORM, Model, Particles
-from reference.timestep import DONE, Numerics, P, advance
+from reference.timestep import DONE, P, advance
 
 D, DENSITY, VISCOSITY, SPACING = 9e-7, 3950.0, 1e-3, 1.35e-6  # 15 % of the cube's volume is solid
 SIZES, BASE = (100, 1_000, 10_000, 100_000), 1_000

@@ -1,37 +1,20 @@
 """The command line: parse, call, exit code.
 
 Commands import what they need when they run, so that `--help` is quick.  What a command does is elsewhere;
-here are its options, its progress bar, and the one line that an error becomes.
+here are its options.  Errors and progress bars are `shell.py`.
 """
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
-
-BAD_INPUT, INTERRUPTED = 2, 130
-
-app = typer.Typer(
-    help="Check a particle model of polishing, and engines that run it, against closed forms and each other.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
-
-class BadInput(ValueError):
-    """An option that cannot be used; one line for the user."""
+from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 
 class Profile(StrEnum):
@@ -46,50 +29,7 @@ def main() -> None:
     app(prog_name="cmpcheck")
 
 
-def _complain(message: str, code: int) -> NoReturn:
-    """One line on standard error, and the exit code."""
-    typer.echo(f"cmpcheck: {' '.join(message.split())}", err=True)
-    raise typer.Exit(code)
-
-
-def _command(**settings: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command whose expected errors become one line and an exit code."""
-
-    def register(function: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(function)
-        def guarded(*args: Any, **kwargs: Any) -> None:
-            try:
-                function(*args, **kwargs)
-            except typer.Exit:
-                raise
-            except KeyboardInterrupt:
-                _complain("interrupted", INTERRUPTED)
-            except (ValueError, RuntimeError, OSError) as problem:
-                code = _exit_code_of(problem)
-                if code is None:
-                    raise
-                _complain(str(problem), code)
-
-        return app.command(**settings)(guarded)
-
-    return register
-
-
-def _exit_code_of(problem: Exception) -> int | None:
-    """2 for bad input, 1 for what failed on the way, None for what nobody expected."""
-    from cmpcheck.engines.lammps_library import EngineError
-    from cmpcheck.outputs import OutputError
-    from reference.case import CaseError
-    from reference.simulation import SimulationError
-
-    if isinstance(problem, BadInput | CaseError | OutputError):
-        return BAD_INPUT
-    if isinstance(problem, EngineError | SimulationError | OSError):
-        return 1
-    return None
-
-
-@_command()
+@command()
 def compare(
     cases: Annotated[
         list[str] | None, typer.Argument(metavar="[CASE]...", help="names or files; default all")
@@ -130,7 +70,7 @@ def compare(
     _require(engine or [])
     staging = outputs.stage_report(out, force)
     try:
-        with _progress() as bars:
+        with progress_bars() as bars:
             tasks = {name: bars.add_task(name, total=variants) for name, variants in loaded.items()}
             result = run_suite(
                 names,
@@ -144,7 +84,7 @@ def compare(
         write_report(result, staging)
         outputs.publish_report(staging, out)
     except KeyboardInterrupt:
-        _complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)
+        complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)
     except BaseException:
         outputs.discard_report(staging)
         raise
@@ -155,7 +95,7 @@ def compare(
     raise typer.Exit(exit_code(result, strict))
 
 
-@_command()
+@command()
 def run(
     case: Annotated[str, typer.Argument(help="name or file of a case")],
     engine: Annotated[str, typer.Option(help="the engine that runs it")] = "reference",
@@ -174,16 +114,16 @@ def run(
     _require([engine])
     folder = outputs.claim_run_folder(out or Path("runs") / loaded.name, force)
     try:
-        with _progress() as bars:
+        with progress_bars() as bars:
             for variant in loaded.variants():
                 task = bars.add_task(variant.variant or variant.name, total=1.0)
-                run_variant(variant, engine, folder / variant.variant, _show(bars, task))
+                run_variant(variant, engine, folder / variant.variant, show_fraction(bars, task))
     except KeyboardInterrupt:
-        _complain(f"interrupted: {folder} keeps what was recorded, marked as not complete", INTERRUPTED)
+        complain(f"interrupted: {folder} keeps what was recorded, marked as not complete", INTERRUPTED)
     typer.echo(f"run: {folder}")
 
 
-@_command(
+@command(
     options_metavar="FILE [LAMMPS FLAGS]",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
 )
@@ -200,7 +140,7 @@ def deck(context: typer.Context) -> None:
     raise typer.Exit(run_deck(arguments))
 
 
-@_command()
+@command()
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="a run folder")],
     form: Annotated[str, typer.Option("--format", help="vtu, pvd, stl, csv or dump")],
@@ -226,7 +166,7 @@ def export(
         typer.echo(str(file))
 
 
-@_command()
+@command()
 def figures(
     out: Annotated[Path, typer.Option(help="folder of the figures")] = Path("reports/figures"),
     samples: Annotated[int, typer.Option(min=2, help="runs whose mean and spread are drawn")] = 8,
@@ -242,7 +182,7 @@ def figures(
 
     writable(out)
     (case,) = load_case(EXAMPLE).variants()
-    with _progress() as bars:
+    with progress_bars() as bars:
         task = bars.add_task(case.name, total=samples)
         runs = simulate_samples(
             case, samples, jobs or os.cpu_count() or 1, lambda done: bars.update(task, completed=done)
@@ -251,7 +191,7 @@ def figures(
         typer.echo(str(file))
 
 
-@_command()
+@command()
 def doctor() -> None:
     """Show what is installed and what is missing.
 
@@ -269,7 +209,7 @@ def doctor() -> None:
     raise typer.Exit(int(not all(finding.found for finding in findings)))
 
 
-@_command()
+@command()
 def cases() -> None:
     """List the cases that ship, a sentence each."""
     from reference.case import available_cases, load_case
@@ -278,7 +218,7 @@ def cases() -> None:
         typer.echo(f"{name:<16} {load_case(name).case.description}")
 
 
-@_command()
+@command()
 def init(
     case: Annotated[str, typer.Argument(help="name of a case that ships")],
     file: Annotated[Path, typer.Argument(help="file to write")],
@@ -298,28 +238,6 @@ def init(
     source = deck_path(case) if deck else CASES / f"{case}.toml"
     write_new(file, source.read_text("utf-8"), force)
     typer.echo(str(file))
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Progress]:
-    """Bars on a terminal's standard error, which an error wipes away so that its line stands alone."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bars:
-        try:
-            yield bars
-        except BaseException:
-            bars.live.transient = True
-            raise
-
-
-def _show(bars: Progress, task: TaskID) -> Callable[[float], None]:
-    def show(fraction: float) -> None:
-        bars.update(task, completed=fraction)
-
-    return show
 
 
 def _require(engines: list[str]) -> None:

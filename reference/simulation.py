@@ -15,6 +15,7 @@ from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
 from reference.recording import HISTORY, SUMS, Run, basic_provenance, history_row
+from reference.schemes import Numerics
 from reference.state import Setup
 from reference.timestep import (
     DONE,
@@ -22,7 +23,6 @@ from reference.timestep import (
     NOT_CONVERGED,
     NOT_FINITE,
     STEP_VANISHED,
-    Numerics,
     P,
     advance,
 )

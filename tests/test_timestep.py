@@ -14,21 +14,9 @@ from rounding import close
 from reference import exact, state
 from reference import ledger as col
 from reference.neighbors import neighbor_pairs
+from reference.schemes import Numerics, Work, collide, iterate_fixed_point, step_factor
 from reference.state import DEPOSIT_NONE, DEPOSIT_VOLUME, FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Model
-from reference.timestep import (
-    DONE,
-    MAX_SHRINK,
-    MIN_SHRINK,
-    STEP_VANISHED,
-    Numerics,
-    P,
-    Work,
-    advance,
-    collide,
-    iterate_fixed_point,
-    step_factor,
-    wrap,
-)
+from reference.timestep import DONE, MAX_SHRINK, MIN_SHRINK, STEP_VANISHED, P, advance, wrap
 
 pytestmark = pytest.mark.nojit
 D, DENSITY, VISCOSITY = 9e-7, 3950.0, 1e-3  # alumina of 0.9 um in a fluid as viscous as water
