@@ -62,7 +62,7 @@ def compare(
     from cmpcheck.verdicts import headline
     from reference.case import load_case
 
-    names = cases or comparable_cases()
+    names = cases or comparable_cases(profile.value)
     loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")

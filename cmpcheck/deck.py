@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from cmpcheck.engines.lammps_library import EngineError, open_lammps
 from cmpcheck.engines.lammps_setup import Deck, execute
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import SlurryFix
 from reference.case import Case, CaseError, load_case
+from reference.heightfield import flatness
 from reference.process import build_setup
+from reference.state import Setup
 from reference.toml_source import nearest
 
 DRIVER = "cmpcheck_deck"
@@ -88,13 +92,14 @@ def _run(lmp: Any, deck: Deck) -> None:
     execute(lmp, before, deck.path)
     if deck.external_fix is None:
         return
-    fix = _attach(lmp, deck)
+    setup = build_setup(_case(lmp, deck))
+    fix = _attach(lmp, deck, setup)
     try:
         execute(lmp, after, deck.path)
     finally:
         fix.check()  # an error in the callback is the cause of what the deck then says
     contacts = fix.contacts()
-    lines = [f"cmpcheck: {len(contacts)} contacts; SI units"]
+    lines = [*_removed(contacts, fix, setup), f"cmpcheck: {len(contacts)} contacts; SI units"]
     if len(contacts):
         table = contacts.loc[: SHOWN - 1, COLUMNS]
         lines += table.to_string(index=False, float_format="{:.6g}".format).splitlines()
@@ -107,10 +112,25 @@ def _return_to_caller(part: str) -> str:
     return SUCCESSFUL_QUIT.sub(r"\1jump /dev/null\3", part)
 
 
-def _attach(lmp: Any, deck: Deck) -> SlurryFix:
+def _removed(contacts: pd.DataFrame, fix: SlurryFix, setup: Setup) -> list[str]:
+    """What has become of the surface, in lines; none without removal, no Pi where it is undefined (Eq 44)."""
+    if setup.case.removal is None:
+        return []
+    total = contacts[["removed_volume", "removed_mass"]].sum()
+    lines = [
+        f"cmpcheck: {(contacts.removed_volume > 0.0).sum()} removals, {total.removed_volume:.6g} m3, "
+        f"{total.removed_mass:.6g} kg"
+    ]
+    cost = setup.case.cost
+    with suppress(ValueError):
+        pi = flatness(fix.heights, setup.state.heights, cost.target_height, cost.exponent)
+        lines.append(f"cmpcheck: Pi 1 -> {pi:.6f}")
+    return lines
+
+
+def _attach(lmp: Any, deck: Deck, setup: Setup) -> SlurryFix:
     """The fix, with the constants of the deck's case."""
-    case = _case(lmp, deck)
-    setup = build_setup(case)
+    case = setup.case
     atoms, modulus = int(lmp.get_natoms()), setup.state.modulus
     if atoms != len(modulus):
         if np.ptp(modulus) > 0.0:
@@ -126,8 +146,10 @@ def _attach(lmp: Any, deck: Deck) -> SlurryFix:
             setup.model,
             modulus,
             setup.state.heights,
+            pad_height=setup.state.pad_height,
             form=_variable(lmp, "form") or "soft",
             contact_duration=float(_variable(lmp, "contact_duration") or 0.0) * MICRO,
+            ledger_speed=case.numerics.ledger_speed,
             observe_pairs=atoms > 1,
             case=str(deck.path),
         )

@@ -64,9 +64,13 @@ class Outcome:
     seconds: float = 0.0
 
 
-def comparable_cases() -> list[str]:
-    """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them."""
-    return [name for name in available_cases() if load_case(name).engine]
+def comparable_cases(profile: str) -> list[str]:
+    """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them.
+
+    Ensembles, whose verdict needs minutes of samples, are compared by default in the full profile only.
+    """
+    cases = [load_case(name) for name in available_cases()]
+    return [case.name for case in cases if case.engine and (profile == "full" or case.pad is None)]
 
 
 def run_suite(

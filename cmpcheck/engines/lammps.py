@@ -105,22 +105,25 @@ def _simulate(
         setup.model,
         setup.state.modulus,
         setup.state.heights,
+        pad_height=setup.state.pad_height,
         form="observe" if native else resolution.form,
         contact_duration=resolution.contact_duration,
         sample_every=stride,
         max_samples=len(setup.output_times),
+        ledger_speed=setup.case.numerics.ledger_speed,
         observe_pairs=len(setup.state.mass) > setup.copies,
         case=_label(setup),
     )
     fix.attach()
     lmp.command(f"timestep {time_step / MICRO!r}")
     lmp.command("thermo 0")
-    surfaces = [setup.state.heights]
+    surfaces, pad_heights = [setup.state.heights], [setup.state.pad_height]
     for k in range(len(setup.output_times) - 1):
         lmp.command(f"run {stride} {'pre no ' if k else ''}post no")
         fix.check()
         surfaces.append(fix.heights.copy())
-    run = _recorded(setup, resolution, fix, surfaces, time_step)
+        pad_heights.append(fix.pad_height)
+    run = _recorded(setup, resolution, fix, surfaces, pad_heights, time_step)
     if native and setup.model.has_surface:
         lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
         if lowest.min() < setup.state.heights.max():
@@ -129,7 +132,12 @@ def _simulate(
 
 
 def _recorded(
-    setup: Setup, resolution: Resolution, fix: SlurryFix, surfaces: list[np.ndarray], time_step: float
+    setup: Setup,
+    resolution: Resolution,
+    fix: SlurryFix,
+    surfaces: list[np.ndarray],
+    pad_heights: list[float],
+    time_step: float,
 ) -> Run:
     """What the fix has seen, as a run."""
     times, positions, velocities, masses = fix.trajectory()
@@ -141,8 +149,9 @@ def _recorded(
     for k, time in enumerate(setup.output_times):
         so_far = removed[removed["time"] <= time].sum()
         now = replace(
-            state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k]
-        )
+            state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k],
+            pad_height=pad_heights[k],
+        )  # fmt: skip
         volume, mass = float(so_far["removed_volume"]), float(so_far["removed_mass"])
         history.append(history_row(time, now, state.heights, volume, mass, cost))
     spacing, has_surface = setup.model.spacing, setup.model.has_surface

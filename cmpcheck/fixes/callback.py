@@ -16,6 +16,7 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
+from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, MICRO, NO_ERROR, OPEN_COLUMNS, STATE_COLUMNS
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import advance_particles, remove_in_order
@@ -85,6 +86,7 @@ def take_step(c, step, n, tags, x, force):
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows
+    lower_pad(c, step)
     advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulus, heights, rows)
     remove_in_order(c, heights, rows, first, c.rows)
 

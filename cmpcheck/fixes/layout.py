@@ -20,13 +20,18 @@ NANO = 1e-9  # N per pg um/us2
 FORMS = ("soft", "impulse", "observe")
 SOFT, IMPULSE, OBSERVE = 0, 1, 2
 
-# Columns of the per-atom array d2_cmpcheck.  The first ones are the ledger row of the surface contact that
-# is open, so that it migrates between ranks and survives a restart.
-EVALUATED = len(LEDGER_COLUMNS)  # step of the last evaluation plus one; 0: never evaluated
-PHASE = EVALUATED + 1  # of the surface contact
-START = EVALUATED + 2  # step of its first overlap and approach
-FORCE = EVALUATED + 3  # three columns: the force last returned, in LAMMPS units
-STATE_COLUMNS = EVALUATED + 6
+# Columns of an open contact of one particle with the surface or the pad: its ledger row, then
+PHASE = len(LEDGER_COLUMNS)
+START = PHASE + 1  # step of its first overlap and approach
+CONTACT_COLUMNS = START + 1
+
+# Columns of the per-atom array d2_cmpcheck: the contact with the surface, then the one with the pad, so that
+# both migrate between ranks and survive a restart.
+PAD = CONTACT_COLUMNS
+EVALUATED = PAD + CONTACT_COLUMNS  # step of the last evaluation plus one; 0: never evaluated
+FORCE = EVALUATED + 1  # three columns: the force last returned, in LAMMPS units
+CLEARANCE = FORCE + 3  # travel until the surface can be touched, m; not searched before
+STATE_COLUMNS = CLEARANCE + 1
 
 FREE, WAITING, TOUCHING = 0.0, 1.0, 2.0
 
@@ -60,6 +65,11 @@ CONTEXT = np.dtype(
         ("time_step", "f8"),  # s, of the step at hand
         ("spring", "f8"),  # omega0^2, 1/s2
         ("damping", "f8"),  # 2 z omega0, 1/s
+        ("pad_spring", "f8"),  # the same two of the pad
+        ("pad_damping", "f8"),
+        ("pad_height", "f8"),  # H of the step at hand, m
+        ("largest", "f8"),  # largest diameter, m
+        ("ledger_speed", "f8"),  # slower contacts that remove nothing are not kept, m/s
         ("patience", "f8"),  # longest wait for a pair force to end, s
         ("highest", "f8"),  # no node is above this, m
         ("lag", "f8"),  # the velocities seen are this much older than the positions, s

@@ -46,6 +46,8 @@ class Memory:
         max_contacts: int,
         max_samples: int,
         observe_pairs: bool,
+        pad_height: float,
+        ledger_speed: float,
     ) -> None:
         n = len(modulus)
         self.modulus = np.array(modulus, dtype=np.float64)
@@ -67,6 +69,9 @@ class Memory:
         c.observe_pairs, c.sample_every = observe_pairs, sample_every
         if c.form == SOFT and model.has_surface:
             c.spring, c.damping = spring(model.restitution, contact_duration)
+        if c.form == SOFT and model.has_pad:
+            c.pad_spring, c.pad_damping = spring(model.pad_restitution, contact_duration)
+        c.pad_height, c.ledger_speed = pad_height, ledger_speed
         c.patience = 0.0 if c.form == OBSERVE else 2.0 * contact_duration
         c.highest = self.heights.max(initial=-np.inf)
         c.last_step, c.pairs = -1, -1

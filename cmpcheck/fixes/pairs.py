@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from cmpcheck.fixes.contacts import copy_row, is_kept
 from cmpcheck.fixes.layout import (
     FIX_FORCE,
     ISOLATED,
@@ -24,7 +25,6 @@ from cmpcheck.fixes.layout import (
     RADIUS,
     VELOCITY,
 )
-from cmpcheck.fixes.particles import copy_row
 from reference import ledger as col
 from reference.collisions import drag_on, duration_of
 from reference.compiled import kernel
@@ -82,10 +82,10 @@ def approach_speed(a, b, nx, ny, nz, with_pair_force):
 
 
 @kernel
-def drag_along(model, p, nx, ny, nz):
+def drag_along(c, p, nx, ny, nz):
     """Component of a particle's drag along n, in N."""
     vx, vy, vz = p[VELOCITY], p[VELOCITY + 1], p[VELOCITY + 2]
-    ex, ey, ez = drag_on(model, 0.0, p[POSITION + 2], vx, vy, vz, 2.0 * p[RADIUS])
+    ex, ey, ez = drag_on(c.model, c.pad_height, p[POSITION + 2], vx, vy, vz, 2.0 * p[RADIUS])
     return ex * nx + ey * ny + ez * nz
 
 
@@ -94,7 +94,7 @@ def open_pair(c, time, i, j, a, b, nx, ny, nz, speed, modulus, contact):
     """Start the ledger row of a contact between particles i < j, at its first overlap and approach."""
     model = c.model
     m_i, m_j, r_i, r_j = a[MASS], b[MASS], a[RADIUS], b[RADIUS]
-    e_in, e_jn = drag_along(model, a, nx, ny, nz), drag_along(model, b, nx, ny, nz)
+    e_in, e_jn = drag_along(c, a, nx, ny, nz), drag_along(c, b, nx, ny, nz)
     stiffness = effective_modulus(modulus[i], modulus[j])
     duration = duration_of(model, m_i * m_j / (m_i + m_j), r_i * r_j / (r_i + r_j), stiffness, speed)
     impulse = pair_normal_impulse(
@@ -133,6 +133,8 @@ def follow_pair(c, a, b, contact):
 @kernel
 def close_pair(c, contact, rows):
     """Move an ended contact to the ledger; what cannot be told apart from other contacts becomes NaN."""
+    if not is_kept(c, contact):
+        return
     jx, jy, jz = contact[PAIR_IMPULSE], contact[PAIR_IMPULSE + 1], contact[PAIR_IMPULSE + 2]
     nx, ny, nz = contact[col.NX], contact[col.NY], contact[col.NZ]
     normal = -(jx * nx + jy * ny + jz * nz)

@@ -13,6 +13,7 @@ import numpy as np
 
 from cmpcheck.engines.lammps_library import CALLBACK, per_atom
 from cmpcheck.fixes import particles, plain
+from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.pairs import observe_pairs
@@ -54,6 +55,7 @@ class PythonCallback:
         first = int(c.rows)
         if c.error == NO_ERROR and self.failure is None:
             try:
+                lower_pad(c, step)
                 self.advance(
                     c, step, tags, x, v, f, radius, mass, state, force,
                     memory.modulus, memory.heights, memory.rows,

@@ -1,32 +1,34 @@
-"""`SlurryFix`: surface, drag and removal for a LAMMPS deck, through `fix external pf/callback`.
+"""`SlurryFix`: surface, pad, drag and removal for a LAMMPS deck, through `fix external pf/callback`.
 
 How a deck and a driver use it:
 
     units       micro                      # um, us, pg
     atom_style  sphere 1
-    fix         cmpcheck_state all property/atom d2_cmpcheck 28      # layout.STATE_COLUMNS
+    fix         cmpcheck_state all property/atom d2_cmpcheck 53      # layout.STATE_COLUMNS
     fix         slurry all external pf/callback 1 1                  # after the fixes that add forces
 
     fix = SlurryFix(lmp, "slurry", model, modulus, heights, form="soft", contact_duration=1e-9, ...)
     fix.attach()
     lmp.command("run 1000")
     fix.check()                            # after every run; raises EngineError if the callback gave up
-    fix.contacts(), fix.trajectory(), fix.heights
+    fix.contacts(), fix.trajectory(), fix.heights, fix.pad_height
 
 Atom tags are 1 ... N and particle i of the ledger is tag i + 1.  With more than one rank, call all methods on
-all ranks.  The physics is `particles.py` (compiled) and `plain.py` (to read), pairs are `pairs.py`.
+all ranks.  The physics is `particles.py` and `contacts.py` (compiled) and `plain.py` (to read);
+pairs are `pairs.py`.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numba
 import numpy as np
 import pandas as pd
 
-from cmpcheck.engines.lammps_library import EngineError, per_atom_columns, set_external_callback
-from cmpcheck.fixes.layout import ERRORS, FORMS, NO_ERROR, STATE_COLUMNS
+from cmpcheck.engines.lammps_library import EngineError, per_atom, per_atom_columns, set_external_callback
+from cmpcheck.fixes.layout import ERRORS, FORMS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.python_driver import PythonCallback
 from reference.ledger import ledger_frame
@@ -40,9 +42,11 @@ class SlurryFix:
 
     Parameters: `lmp` an open LAMMPS instance; `fix_id` of its `fix external`; `model` the constants, SI;
     `modulus` (N,) E/(1-nu^2) of each particle in the order of tags, Pa; `heights` (nx, ny) in m, copied;
+    `pad_height` H at the start, m, NaN without a pad;
     `form` "soft" (spring-dashpot), "impulse" (F = J/dt for one step) or "observe" (no force at all);
     `contact_duration` of a soft contact, and half the longest wait of an impulse, s; `sample_every` steps of
     the trajectory, 0 for none; `max_contacts`, `max_samples` size the memory (touched only as it fills);
+    `ledger_speed` (m/s): slower contacts that remove nothing are not kept;
     `observe_pairs` follows LAMMPS's own contacts between particles; `compiled` False: plain Python;
     `comm` the mpi4py communicator, by default that of `lmp`; `case` the name to be used in errors.
     Raises EngineError when the model needs what this fix has not, or the deck does not fit.
@@ -56,11 +60,13 @@ class SlurryFix:
         modulus: np.ndarray,
         heights: np.ndarray,
         *,
+        pad_height: float = math.nan,
         form: str = "soft",
         contact_duration: float = 0.0,
         sample_every: int = 0,
         max_contacts: int = 1_000_000,
         max_samples: int = 1_000,
+        ledger_speed: float = 0.0,
         observe_pairs: bool = False,
         compiled: bool = True,
         comm: Any = None,
@@ -68,14 +74,14 @@ class SlurryFix:
     ) -> None:
         if form not in FORMS:
             raise EngineError(f"form = {form!r}: must be one of {', '.join(FORMS)}")
-        if model.has_pad:
-            raise EngineError("the LAMMPS fix has no pad contact: run this case with the reference engine")
+        if model.has_pad and not math.isfinite(pad_height):
+            raise EngineError(f"pad_height = {pad_height}: the model has a pad, its height must be given")
         if model.has_surface and min(np.shape(heights), default=0) == 0:
             raise EngineError("the model has a surface, but heights is empty")
         try:
             self.memory = Memory(
                 model, modulus, heights, form, contact_duration, sample_every, max_contacts, max_samples,
-                observe_pairs,
+                observe_pairs, pad_height, ledger_speed,
             )  # fmt: skip
         except ValueError as error:
             raise EngineError(str(error)) from None
@@ -91,6 +97,11 @@ class SlurryFix:
         """Node heights (nx, ny) in m, as they are now; the same on every rank."""
         return self.memory.heights
 
+    @property
+    def pad_height(self) -> float:
+        """Height H of the pad in m at the last step that was run, NaN without one; the same on every rank."""
+        return float(self.memory.context.pad_height)
+
     def attach(self) -> None:
         """Hand the callback to LAMMPS; the atoms and both fixes must have been defined.
 
@@ -98,6 +109,7 @@ class SlurryFix:
         """
         self._check_deck()
         self.memory.connect(self.lmp)
+        self.memory.context.largest = self._largest_diameter()
         if self.compiled and self.comm is None:
             from cmpcheck.fixes.callback import compiled_callback, compiled_observer
 
@@ -127,6 +139,11 @@ class SlurryFix:
         if per_atom_columns(lmp, "d2_cmpcheck") != STATE_COLUMNS:
             raise EngineError(f"the deck must define the per-atom state of the fix: {DEFINE_STATE}")
 
+    def _largest_diameter(self) -> float:
+        nlocal = self.lmp.extract_setting("nlocal")
+        largest = 2.0 * float(per_atom(self.lmp, "radius", nlocal, 1).max(initial=0.0)) * MICRO
+        return largest if self.comm is None else max(self.comm.allgather(largest))
+
     def check(self) -> None:
         """Raise EngineError, naming case, step and particle, if the callback has given up."""
         c = self.memory.context
@@ -151,7 +168,7 @@ class SlurryFix:
         rows = self.memory.rows[: self.memory.context.rows]
         if self.comm is not None:
             rows = np.concatenate(self.comm.allgather(rows))
-        return ledger_frame(rows).sort_values(["time", "i", "j"], kind="stable", ignore_index=True)
+        return ledger_frame(rows).sort_values(["time", "i", "j", "kind"], kind="stable", ignore_index=True)
 
     def trajectory(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times (T,), positions (T, N, 3) wrapped, full-step velocities (T, N, 3), masses (T, N); SI."""

@@ -1,0 +1,230 @@
+"""Contact of one particle with the surface, and with the pad, through one step of the fix (compiled).
+
+Both in two forms: `soft`, a spring and dashpot, and `impulse`, F = J/dt for one step.  Which particles are
+asked, and what else acts on them, is `particles.py`; contacts between particles are `pairs.py`.
+"""
+
+from __future__ import annotations
+
+from cmpcheck.fixes.layout import (
+    CLEARANCE,
+    FREE,
+    LEDGER_FULL,
+    NO_ERROR,
+    PHASE,
+    START,
+    TOUCHING,
+    TUNNELLED,
+    WAITING,
+)
+from reference import ledger as col
+from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surface_impact
+from reference.compiled import formula, kernel
+from reference.contact import compression_impulse, surface_normal_impulse
+from reference.heightfield import surface_contact
+
+ROUNDING = 1e-9  # of the radius: more than a way that is summed up over steps can lose
+
+
+@kernel
+def copy_row(source, target):
+    """Copy as many numbers as `target` holds."""
+    for column in range(target.size):
+        target[column] = source[column]
+
+
+@kernel
+def is_kept(c, row):
+    """Whether a contact that has ended is fast enough for the ledger, or has removed something."""
+    return row[col.APPROACH_SPEED] >= c.ledger_speed or row[col.REMOVED_VOLUME] > 0.0
+
+
+@kernel
+def close_contact(c, contact, rows):
+    """Move an ended contact from the per-atom row to the ledger; return an error code."""
+    contact[PHASE] = FREE
+    if not is_kept(c, contact):
+        return NO_ERROR
+    if c.rows == rows.shape[0]:
+        return LEDGER_FULL
+    copy_row(contact, rows[c.rows])
+    c.rows += 1
+    return NO_ERROR
+
+
+@kernel
+def close_impact(c, contact, velocity, mass, gained, rows):
+    """Close a contact with the surface, from which the particle carries `gained` (kg) on.
+
+    Paper: Eq. (24) tangentially: (m + dm) v' = m v.  Returns `gained`, or minus an error code.
+    """
+    error = close_contact(c, contact, rows)
+    if error != NO_ERROR:
+        return -float(error)
+    if gained > 0.0:
+        for axis in range(3):
+            velocity[axis] *= mass / (mass + gained)
+    return gained
+
+
+@formula
+def spring_dashpot(c, spring, damping, mass, overlap, v_n):
+    """Force k x - c v_n at the time of the overlap, in N, from the v_n that would be there without it."""
+    return mass * (spring * overlap - damping * v_n) / (1.0 + damping * c.lag)
+
+
+@kernel
+def has_clearance(c, position, radius, heights, state):
+    """Whether a particle that has no contact cannot have one now; looks further ahead when it is unknown.
+
+    The surface only ever falls, so what was found of it bounds the distance until the way is used up.
+    """
+    if state[PHASE] != FREE:
+        return False
+    if state[CLEARANCE] <= 0.0:
+        reach = (1.0 + SEARCH_MARGIN) * radius
+        found, overlap, _, _, _, _, _, _, _ = surface_contact(
+            heights, c.model.spacing, position[0], position[1], position[2], reach
+        )
+        state[CLEARANCE] = (SEARCH_MARGIN - ROUNDING) * radius - (overlap if found else 0.0)
+    return state[CLEARANCE] > 0.0
+
+
+@kernel
+def soft_contact(c, time, acts, position, v_half, v_free, mass, radius, tag, modulus, heights, contact, rows):
+    """Spring-dashpot contact with the surface: (force in N, three components; mass gained in kg).
+
+    F = max(0, k x - c v_n), with v_n at the time of the overlap x: `v_free` is the velocity there without
+    this force.  Opens at overlap and approach, closes when the force vanishes; removal is committed then.
+    A negative mass is minus an error code.
+    """
+    model = c.model
+    found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
+        heights, model.spacing, position[0], position[1], position[2], radius
+    )
+    v_n = v_free[0] * nx + v_free[1] * ny + v_free[2] * nz
+    if overlap > 2.0 * radius:
+        return 0.0, 0.0, 0.0, -TUNNELLED
+    overlaps = found and overlap > 0.0
+    if contact[PHASE] != TOUCHING:
+        if not (overlaps and v_n < 0.0):
+            return 0.0, 0.0, 0.0, 0.0
+        record_surface_impact(
+            model, c.pad_height, time, tag - 1, (nx, ny, nz, qx, qy, qz), position, v_free, mass,
+            2.0 * radius, modulus, contact[: rows.shape[1]],
+        )  # fmt: skip
+        contact[PHASE] = TOUCHING
+    force = 0.0
+    if overlaps:
+        force = spring_dashpot(c, c.spring, c.damping, mass, overlap, v_n)
+    if force > 0.0:
+        contact[col.NORMAL_IMPULSE] += force * acts
+        contact[col.CONTACT_TIME] += acts
+        contact[col.ENERGY_LOST] -= force * acts * (v_n + c.lag * force / mass)
+        return force * nx, force * ny, force * nz, 0.0
+    gained = contact[col.REMOVED_MASS] if model.mass_pickup else 0.0
+    square = v_half[0] ** 2 + v_half[1] ** 2 + v_half[2] ** 2
+    contact[col.ENERGY_LOST] += 0.5 * mass * square * gained / (mass + gained)
+    return 0.0, 0.0, 0.0, close_impact(c, contact, v_half, mass, gained, rows)
+
+
+@kernel
+def impulse_contact(
+    c, step, acts, waits, position, v_half, mass, radius, tag, modulus, heights, contact, rows
+):  # fmt: skip
+    """Impulsive contact with the surface: (force in N, three components; mass gained in kg).
+
+    Paper: Eqs. (29)-(31).  The force J/dt acts for one step, after a native pair force on the particle
+    (`waits`) has ended, or after two contact durations.  A negative mass is minus an error code.
+    """
+    model = c.model
+    found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
+        heights, model.spacing, position[0], position[1], position[2], radius
+    )
+    if overlap > 2.0 * radius:
+        return 0.0, 0.0, 0.0, -TUNNELLED
+    v_n = v_half[0] * nx + v_half[1] * ny + v_half[2] * nz
+    if not (found and overlap > 0.0 and v_n < 0.0):
+        contact[PHASE] = FREE
+        return 0.0, 0.0, 0.0, 0.0
+    if contact[PHASE] == FREE:
+        contact[PHASE], contact[START] = WAITING, step
+    if waits and (step - contact[START]) * c.time_step < c.patience:
+        return 0.0, 0.0, 0.0, 0.0
+    record_surface_impact(
+        model, c.pad_height, contact[START] * c.time_step, tag - 1, (nx, ny, nz, qx, qy, qz), position,
+        v_half, mass, 2.0 * radius, modulus, contact[: rows.shape[1]],
+    )  # fmt: skip
+    duration = contact[col.DURATION]
+    ext = compression_impulse(contact[col.EXTERNAL_FORCE], duration, acts, model.restitution)
+    j = surface_normal_impulse(mass, v_n, model.restitution, ext)
+    gained = contact[col.REMOVED_MASS] if model.mass_pickup else 0.0
+    contact[col.NORMAL_IMPULSE], contact[col.CONTACT_TIME] = j, min(duration, acts)
+    contact[col.ENERGY_LOST] = impact_energy_lost(mass, gained, v_half, v_n, j)
+    force = j / acts
+    return force * nx, force * ny, force * nz, close_impact(c, contact, v_half, mass, gained, rows)
+
+
+@kernel
+def lower_pad(c, step):
+    """Move the pad from its height at the last step to that of this one, once the surface was lowered.
+
+    As the reference: it never rises, nor descends faster than V_z, nor below the surface's highest node.
+    """
+    model = c.model
+    if not model.has_pad or c.last_step < 0 or step <= c.last_step:
+        return
+    highest = c.highest if model.has_surface else 0.0
+    lowest = max(highest + 0.5 * c.largest, model.pad_minimum)
+    c.pad_height = min(c.pad_height, max(c.pad_height - model.pad_descent * c.time_step, lowest))
+
+
+@kernel
+def open_pad_contact(c, time, position, approach, tag, contact):
+    """Start the ledger row of a contact with the pad."""
+    row = contact[:PHASE]
+    row[:] = 0.0
+    row[col.TIME], row[col.KIND], row[col.I], row[col.J] = time, col.KIND_PAD, tag - 1, -1
+    row[col.X], row[col.Y], row[col.Z], row[col.NZ] = position[0], position[1], c.pad_height, -1.0
+    row[col.APPROACH_SPEED] = approach
+
+
+@kernel
+def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
+    """Spring-dashpot contact with the pad, which moves down with V_z: (force downwards in N, error code)."""
+    overlap, approach = position[2] + radius - c.pad_height, v_free[2] + c.model.pad_descent
+    if contact[PHASE] != TOUCHING:
+        if overlap <= 0.0 or approach <= 0.0:
+            return 0.0, NO_ERROR
+        open_pad_contact(c, time, position, approach, tag, contact)
+        contact[PHASE] = TOUCHING
+    force = 0.0
+    if overlap > 0.0:
+        force = spring_dashpot(c, c.pad_spring, c.pad_damping, mass, overlap, -approach)
+    if force <= 0.0:
+        return 0.0, close_contact(c, contact, rows)
+    contact[col.NORMAL_IMPULSE] += force * acts
+    contact[col.CONTACT_TIME] += acts
+    contact[col.ENERGY_LOST] += force * acts * (v_free[2] - c.lag * force / mass)
+    return force, NO_ERROR
+
+
+@kernel
+def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, contact, rows):
+    """Impulsive contact with the pad: (force downwards in N for this step, error code).
+
+    Paper: Section 4; J = (1+e_pad) m (v_z + V_z).  It waits as `impulse_contact` does.
+    """
+    approach = v_half[2] + c.model.pad_descent
+    if position[2] + radius <= c.pad_height or approach <= 0.0:
+        contact[PHASE] = FREE
+        return 0.0, NO_ERROR
+    if contact[PHASE] == FREE:
+        contact[PHASE], contact[START] = WAITING, step
+    if waits and (step - contact[START]) * c.time_step < c.patience:
+        return 0.0, NO_ERROR
+    open_pad_contact(c, contact[START] * c.time_step, position, approach, tag, contact)
+    j = surface_normal_impulse(mass, -approach, c.model.pad_restitution)
+    contact[col.NORMAL_IMPULSE] = j
+    contact[col.ENERGY_LOST] = impact_energy_lost(mass, 0.0, v_half, -v_half[2], j)
+    return j / acts, close_contact(c, contact, rows)
