@@ -228,6 +228,7 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="write over an existing file")] = False,
 ) -> None:
     """Write a case file or a deck to start from."""
+    from cmpcheck.engines.lammps_library import EngineError
     from cmpcheck.engines.lammps_setup import deck_path
     from cmpcheck.outputs import write_new
     from reference.case import CASES, CaseError, available_cases
@@ -235,7 +236,10 @@ def init(
 
     if case not in available_cases():
         raise CaseError(f"unknown case {case!r}: {nearest(case, available_cases())}")
-    source = deck_path(case) if deck else CASES / f"{case}.toml"
+    try:
+        source = deck_path(case) if deck else CASES / f"{case}.toml"
+    except EngineError as problem:
+        raise BadInput(str(problem)) from None
     write_new(file, source.read_text("utf-8"), force)
     typer.echo(str(file))
 

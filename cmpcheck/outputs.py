@@ -7,14 +7,18 @@ interrupted run leaves the earlier report as it was.  Files that are not ours ar
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import hashlib
 import json
 import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import IO
 
 REPORT_ENTRIES = ("index.html", "report.md", "report.json", "junit.xml", "data")
 STAGING = ".unfinished"
+_LOCKS: dict[Path, IO[str]] = {}  # folders that this process is writing a report for
 
 
 class OutputError(ValueError):
@@ -54,9 +58,33 @@ def stage_report(folder: Path, force: bool) -> Path:
                 "put the report beside what is there"
             )
     staging = writable(folder) / STAGING
+    _lock(folder)
     shutil.rmtree(staging, ignore_errors=True)
     staging.mkdir()
     return staging
+
+
+def _lock(folder: Path) -> None:
+    """Keep other processes from making a report for the same folder; the lock ends with the process."""
+    key = folder.resolve()
+    if key in _LOCKS:
+        return
+    name = hashlib.sha256(os.fsencode(key)).hexdigest()[:16]
+    handle = (Path(tempfile.gettempdir()) / f"cmpcheck-{name}.lock").open("w")
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        handle.close()
+        raise OutputError(
+            f"{folder}: another run is writing its report there; choose another folder"
+        ) from None
+    _LOCKS[key] = handle
+
+
+def _unlock(folder: Path) -> None:
+    handle = _LOCKS.pop(folder.resolve(), None)
+    if handle is not None:
+        handle.close()
 
 
 def publish_report(staging: Path, folder: Path) -> None:
@@ -66,11 +94,13 @@ def publish_report(staging: Path, folder: Path) -> None:
         if (staging / name).exists():
             os.replace(staging / name, folder / name)
     shutil.rmtree(staging)
+    _unlock(folder)
 
 
 def discard_report(staging: Path) -> None:
     """Remove an unfinished report, and its folder if nothing else is in it."""
     shutil.rmtree(staging, ignore_errors=True)
+    _unlock(staging.parent)
     with contextlib.suppress(OSError):
         staging.parent.rmdir()
 

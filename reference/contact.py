@@ -63,11 +63,16 @@ def pair_friction_impulse(
 
     Paper: Eqs. (14)-(18).  `slip` (..., 3) in m/s is w = v_jt - v_it - (E_it/m_i - E_jt/m_j) delta t, the
     tangential velocity that friction has to cancel.  Zero slip gives zero.
+    Raises ValueError unless 0 <= mu_d <= mu_s.
     Departure: the vector form; the printed sign of Eq. (18) holds only while I_f < 0.
 
     >>> [float(f) for f in pair_friction_impulse(2.0, 2.0, [0.5, 0.0, 0.0], 10.0, 0.3, 0.2)]
     [0.5, 0.0, 0.0]
     """
+    if not 0.0 <= dynamic_friction <= static_friction:
+        raise ValueError(
+            f"dynamic_friction {dynamic_friction}; allowed: 0 to static_friction {static_friction}"
+        )
     w = np.asarray(slip, dtype=float)
     speed = np.linalg.norm(w, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):  # vector code evaluates both branches

@@ -28,7 +28,11 @@ def _drag_coefficient(reynolds):
 
 
 @broadcast
-def drag_coefficient(reynolds):
+def _broadcast_drag_coefficient(reynolds):
+    return _drag_coefficient(reynolds) if reynolds == reynolds else reynolds  # not a number stays so
+
+
+def drag_coefficient(reynolds: ArrayLike) -> np.ndarray:
     """Drag coefficient C_D of a sphere over its Reynolds number; arrays broadcast.
 
     Paper: Eq. (21), as printed: it jumps at Re = 400 (0.50036 to 0.5), 3e5 (0.5 to 0.08034) and 2e6
@@ -37,7 +41,8 @@ def drag_coefficient(reynolds):
     >>> float(drag_coefficient(0.5)), float(drag_coefficient(1000.0))
     (48.0, 0.5)
     """
-    return _drag_coefficient(reynolds) if reynolds == reynolds else reynolds  # not a number stays so
+    with np.errstate(divide="ignore"):
+        return _broadcast_drag_coefficient(reynolds)
 
 
 @formula

@@ -153,11 +153,18 @@ class Heightfield:
 
         Departure: the paper does not say where the material is taken from.
         """
+        _require_finite(x, y, volume)
         remove_volume(self.z, self.spacing, float(x), float(y), float(volume))
 
     def lower_node(self, x: float, y: float, depth: float) -> None:
         """Lower the node nearest to (x, y) by `depth` (m), as the paper's pictures imply."""
+        _require_finite(x, y, depth)
         lower_node(self.z, self.spacing, float(x), float(y), float(depth))
+
+
+def _require_finite(x: float, y: float, amount: float) -> None:
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(amount) and amount >= 0.0):
+        raise ValueError(f"({x}, {y}) and {amount}; allowed: finite numbers, and an amount >= 0")
 
 
 def raise_squares(nodes: int, size: float, height: float, corners: Iterable[Sequence[int]]) -> Heightfield:
@@ -186,11 +193,13 @@ def flatness(z: ArrayLike, z_initial: ArrayLike, z_target: float, exponent: floa
     """Cost Pi of a surface: 1 at the start, 0 when every node has reached the target height.
 
     Paper: Eq. (44).  Heights in m, any shape; exponent q > 0.
-    Raises ValueError where it is undefined: a surface that starts at the target height, or two shapes.
+    Raises ValueError where it is undefined: a surface that starts at the target height, two shapes, q <= 0.
 
     >>> flatness([0.0, 1.0], [0.0, 2.0], 0.0, 2)
     0.25
     """
+    if not exponent > 0.0:
+        raise ValueError(f"exponent {exponent}; allowed: > 0")
     start = np.abs(np.asarray(z_initial, dtype=float) - z_target)
     scale = start.max(initial=0.0)
     if scale == 0.0:

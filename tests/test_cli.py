@@ -389,3 +389,25 @@ def test_an_unpacked_wheel_runs_a_case_from_any_folder(site, here):
     )
     assert done.returncode == 0, done.stderr
     assert Run.load("runs/pair_slip").provenance["complete"] is True
+
+
+def test_a_folder_that_another_process_writes_a_report_for_is_refused(here):
+    """The lock ends with the process that holds it."""
+    hold = (
+        "import sys; from pathlib import Path; from cmpcheck.outputs import stage_report\n"
+        "stage_report(Path('out'), False); print('held', flush=True); sys.stdin.read()"
+    )
+    root = str(Path(__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    holder = subprocess.Popen(
+        [sys.executable, "-c", hold],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    with holder:
+        assert holder.stdout.readline() == "held\n"
+        assert "another run is writing" in complaint("compare", "drag_relaxation", "--out", "out")
+        holder.stdin.close()
+    assert call("compare", "drag_relaxation", "--out", "out", "--engine", "reference").exit_code == 0

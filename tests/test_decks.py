@@ -100,6 +100,13 @@ def test_every_case_has_a_deck_but_the_long_ones_and_every_deck_a_case():
 
 @needs_lammps
 @pytest.mark.parametrize("name", NATIVE)
+def test_a_deck_that_simulates_nothing_fails(name, tmp_path):
+    done = lmp(deck_path(name), "-var", "duration", "0", folder=tmp_path)
+    assert done.returncode != 0
+    assert "ERROR" in done.stdout
+
+
+@pytest.mark.parametrize("name", NATIVE)
 def test_a_native_deck_agrees_with_its_closed_form_on_one_and_two_ranks(name, tmp_path):
     one, two = (lmp(deck_path(name), ranks=ranks, folder=tmp_path) for ranks in (1, 2))
     assert one.returncode == two.returncode == 0, one.stdout[-500:] + two.stdout[-500:]

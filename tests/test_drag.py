@@ -133,3 +133,7 @@ def test_a_particle_that_drifts_with_the_shear_feels_nothing():
     end = exact.couette_motion([1.0], [0, 0, 1.7e-6], [0, 0, 0], 2.0, 4e-6, 1e-7)
     close(end.velocities[0], u, scale=1.0)
     assert np.all(drag.drag_force(u, u, 1e-6, *WATER) == 0.0)
+
+
+def test_the_coefficient_is_called_by_the_name_of_its_argument():
+    assert drag.drag_coefficient(reynolds=1000.0) == 0.5

@@ -50,7 +50,7 @@ def test_both_engines_are_drawn_with_their_bands(honest):
 
 
 def test_more_removal_per_impact_is_a_difference():
-    """V ~ 1/sigma_y^2: a third more of each impact, so that the surface wears sooner and is hit less often."""
+    """V ~ 1/sigma_y^2: a third more of each impact, so that the surface wears sooner and is hit less."""
     rows, _ = compare_ensembles(CASE, (ReferenceEngine(), Fake(yield_stress=0.86)), "quick")
     assert {row.quantity for row in rows if row.status == "disagree"} >= {"removals", "removed_volume"}
 
