@@ -205,7 +205,7 @@ def run_task(task: Task) -> Outcome:
     for name in REFERENCE_TRACES:
         outcome.traces += judge.traces(finest.setup, finest.run, name)
     outcome.notes += setup.notes
-    _keep(task, ours, outcome)
+    _keep(task, ours)
     for name in task.engines:
         if name not in case.engine:
             outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
@@ -225,7 +225,8 @@ def run_task(task: Task) -> Outcome:
             outcome.traces += (
                 judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
             )
-            _keep(task, theirs, outcome)
+            outcome.convergences += convergences(case, theirs, limits(theirs))
+            _keep(task, theirs)
     outcome.convergences += convergences(case, ours, limits(ours))
     outcome.seconds = time.perf_counter() - begin
     return outcome
@@ -247,9 +248,8 @@ def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
         outcome.traces += traces
 
 
-def _keep(task: Task, study: Study, outcome: Outcome) -> None:
+def _keep(task: Task, study: Study) -> None:
+    """Save the run of the finest level."""
     case = study.finest.setup.case
-    if study.engine != "reference":
-        outcome.convergences += convergences(case, study, limits(study))
     name = "-".join(part for part in (study.engine, study.form) if part)
     study.finest.run.save(task.folder / case.name / case.variant / name)
