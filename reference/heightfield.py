@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from reference.compiled import kernel
 from reference.triangle import closest_point_on_triangle
 
+ROUNDING = 1e-9  # of the radius: far more than the heights' own
+
 
 @kernel
 def _locate(z, spacing, x, y):
@@ -52,12 +54,17 @@ def closest_point(z, spacing, px, py, pz, radius):
     best, qx, qy, qz, triangle = radius * radius, 0.0, 0.0, 0.0, -1
     for i in range(math.floor((px - radius) / spacing), math.floor((px + radius) / spacing) + 1):
         x0, x1 = i * spacing, (i + 1) * spacing
+        i0 = i % n_x
+        i1 = i0 + 1 if i0 + 1 < n_x else 0
+        away_x = max(x0 - px, px - x1, 0.0)
         for j in range(math.floor((py - radius) / spacing), math.floor((py + radius) / spacing) + 1):
             y0, y1 = j * spacing, (j + 1) * spacing
-            z00, z10 = z[i % n_x, j % n_y], z[(i + 1) % n_x, j % n_y]
-            z01, z11 = z[i % n_x, (j + 1) % n_y], z[(i + 1) % n_x, (j + 1) % n_y]
-            gap = max(pz - max(z00, z10, z01, z11), min(z00, z10, z01, z11) - pz, 0.0)
-            if gap * gap > best:
+            j0 = j % n_y
+            j1 = j0 + 1 if j0 + 1 < n_y else 0
+            z00, z10, z01, z11 = z[i0, j0], z[i1, j0], z[i0, j1], z[i1, j1]
+            away_y = max(y0 - py, py - y1, 0.0)
+            away_z = max(pz - max(z00, z10, z01, z11), min(z00, z10, z01, z11) - pz, 0.0)
+            if away_x * away_x + away_y * away_y + away_z * away_z > best:
                 continue
             for side in range(2):
                 if side == 0:
@@ -71,7 +78,7 @@ def closest_point(z, spacing, px, py, pz, radius):
                 square = (x - px) ** 2 + (y - py) ** 2 + (z_side - pz) ** 2
                 if square < best:
                     best, qx, qy, qz = square, x, y, z_side
-                    triangle = 2 * ((i % n_x) * n_y + j % n_y) + side
+                    triangle = 2 * (i0 * n_y + j0) + side
     return triangle >= 0, qx, qy, qz, math.sqrt(best), triangle
 
 
@@ -87,7 +94,8 @@ def surface_contact(z, spacing, px, py, pz, radius):
         i, j, a, b = _locate(z, spacing, px, py)
         triangle = 2 * (i * z.shape[1] + j) + (0 if a >= b else 1)
         return True, radius + ground - pz, 0.0, 0.0, 1.0, px, py, ground, triangle
-    found, qx, qy, qz, distance, triangle = closest_point(z, spacing, px, py, pz, radius)
+    reach = min(radius, pz - ground + ROUNDING * radius)  # the point below the centre is on the surface
+    found, qx, qy, qz, distance, triangle = closest_point(z, spacing, px, py, pz, reach)
     if not found:
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     n_x, n_y, n_z = (px - qx) / distance, (py - qy) / distance, (pz - qz) / distance

@@ -67,6 +67,20 @@ def per_atom_array(c, name_at, n, columns):
 
 
 @kernel
+def state_array(c, step, n):
+    """The per-atom state of the fix, (n, STATE_COLUMNS).
+
+    Its look-up by name costs as much as a particle; it moves only when LAMMPS makes its arrays longer.
+    """
+    allocated = carray(pointer_to(c.allocated_at), (1,), dtype=types.int32)[0]
+    if allocated != c.allocated or step == c.last_step:
+        c.allocated = allocated
+        found = pointer_to(call(c.extract_atom_at, c.lammps, c.name_state_at))
+        c.state_at = carray(found, (1,), dtype=types.int64)[0]
+    return carray(pointer_to(c.state_at), (n, STATE_COLUMNS), dtype=types.float64)
+
+
+@kernel
 def floats(address, rows, columns):
     """An array of this fix, (rows, columns)."""
     return carray(pointer_to(address), (rows, columns), dtype=types.float64)
@@ -81,7 +95,7 @@ def take_step(c, step, n, tags, x, force):
         return
     v, f = per_atom_array(c, c.name_v_at, n, 3), per_atom_array(c, c.name_f_at, n, 3)
     radius, mass = per_atom_vector(c, c.name_radius_at, n), per_atom_vector(c, c.name_rmass_at, n)
-    state = per_atom_array(c, c.name_state_at, n, STATE_COLUMNS)
+    state = state_array(c, step, n)
     modulus = carray(pointer_to(c.modulus_at), (c.particles,), dtype=types.float64)
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
@@ -97,7 +111,7 @@ def observe_step(c, step):
     n = c.local
     tags = carray(pointer_to(call(c.extract_atom_at, c.lammps, c.name_id_at)), (n,), dtype=types.int32)
     x, v = per_atom_array(c, c.name_x_at, n, 3), per_atom_array(c, c.name_v_at, n, 3)
-    f, state = per_atom_array(c, c.name_f_at, n, 3), per_atom_array(c, c.name_state_at, n, STATE_COLUMNS)
+    f, state = per_atom_array(c, c.name_f_at, n, 3), state_array(c, step, n)
     radius, mass = per_atom_vector(c, c.name_radius_at, n), per_atom_vector(c, c.name_rmass_at, n)
     by_tag = floats(c.by_tag_at, c.particles, BY_TAG_COLUMNS)
     collect_by_tag(c, tags, x, v, f, radius, mass, state, by_tag)
@@ -121,7 +135,8 @@ def _callback(pointer, step, n, tags_at, x_at, force_at):
     c = carray(pointer, (1,), dtype=CONTEXT)[0]
     if n > 0:
         take_step(c, step, n, carray(tags_at, (n,)), carray(x_at[0], (n, 3)), carray(force_at[0], (n, 3)))
-        if step != c.last_step and c.error == NO_ERROR and (c.observe_pairs or is_sampled(c, step)):
+        pairs = c.observe_pairs and (c.pushed > 0 or c.open > 0)  # what overlaps and approaches is pushed
+        if step != c.last_step and c.error == NO_ERROR and (pairs or is_sampled(c, step)):
             c.local = n
             call(c.observe_at, c.address, step)
     c.last_step = step

@@ -85,6 +85,7 @@ CONTEXT = np.dtype(
         ("samples", "i8"),  # trajectory samples stored
         ("particles", "i8"),
         ("local", "i8"),  # atoms of the rank at this step
+        ("pushed", "i8"),  # of them with a native pair force
         ("nodes_x", "i8"),
         ("nodes_y", "i8"),
         ("max_rows", "i8"),
@@ -95,6 +96,9 @@ CONTEXT = np.dtype(
         ("observe_at", "i8"),  # compiled function that follows pairs and stores the trajectory
         ("lammps", "i8"),
         ("dt_at", "i8"),
+        ("allocated_at", "i8"),  # where LAMMPS keeps the length of its per-atom arrays
+        ("allocated", "i8"),  # their length when `state_at` was looked up
+        ("state_at", "i8"),  # first row of d2_cmpcheck
         ("extract_atom_at", "i8"),
         ("force_timeout_at", "i8"),
         ("name_id_at", "i8"),

@@ -83,6 +83,7 @@ class Memory:
         """Fill in the addresses: of this memory, and of the LAMMPS instance and its library."""
         c = self.context
         c.lammps, c.dt_at = ctypes.cast(lmp.lmp, ctypes.c_void_p).value, global_address(lmp, "dt")
+        c.allocated_at, c.allocated = global_address(lmp, "nmax"), -1
         c.extract_atom_at = function_address(lmp, "lammps_extract_atom")
         c.force_timeout_at = function_address(lmp, "lammps_force_timeout")
         for key, buffer in self._names.items():

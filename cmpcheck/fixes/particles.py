@@ -59,7 +59,7 @@ def advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulu
     Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
     """
     dt, model = c.time_step, c.model
-    c.lag = 0.0
+    c.lag, c.pushed = 0.0, 0
     for i in range(tags.size):
         contact = state[i]
         if contact[EVALUATED] == step + 1:
@@ -75,12 +75,13 @@ def advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulu
         if not math.isfinite(px + py + pz + vx + vy + vz + gx + gy + gz + m):
             fail(c, NOT_FINITE, step, tags[i], force)
             return
+        waits = gx != 0.0 or gy != 0.0 or gz != 0.0
+        c.pushed += waits
         if c.form == OBSERVE:
             force[i] = 0.0
             contact[FORCE : FORCE + 3] = 0.0
             continue
         ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
-        waits = gx != 0.0 or gy != 0.0 or gz != 0.0
         ahead = c.lag / m
         v_free = (vx + ahead * (ex + gx), vy + ahead * (ey + gy), vz + ahead * (ez + gz))
         push = 0.0
