@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from reference.case import Case
+from reference.checkpoint import Checkpoint, Saved, finished_run
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
@@ -28,11 +33,23 @@ from reference.timestep import (
 )
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
+PARTICLE_STEPS = 10_000_000  # of a call of the kernel, at most: about a second, in which nothing is saved
+CHECKPOINT_INTERVAL = 10.0  # s of wall-clock time
+EVOLVING = ("position", "velocity", "mass", "heights")  # arrays of the state
+COLUMNS = [*HISTORY, *SUMS]
+FRAME = ("times", "positions", "velocities", "masses")
 REASONS = {
     NOT_FINITE: "the state is not finite",
     NOT_CONVERGED: "the drag did not converge in 100 iterations",
     STEP_VANISHED: "the adaptive step fell below 1e-9 of the largest step",
 }
+
+
+class Stop(NamedTuple):
+    """Where the kernel returns."""
+
+    time: float  # s
+    output: bool  # the state is recorded
 
 
 class SimulationError(RuntimeError):
@@ -44,35 +61,82 @@ class SimulationError(RuntimeError):
 
 
 def simulate(
-    case: Case, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: bool = False,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
 ) -> Run:
     """Run one case (one of its `variants()`) and return what was recorded.
 
-    Parameters: `out` a folder to write the run to; `progress` is called with the fraction done.
-    Raises CaseError for a case that cannot be set up, and SimulationError, naming particle and time, when
-    the state stops being finite; what was recorded before is kept in `out` and in the error's `run`.
+    Parameters: `out` a folder to write the run to; `progress` is called with the fraction done; `resume`
+    goes on from the last checkpoint in `out`, to the same arrays, and returns a run that is complete
+    already; `checkpoint_interval`, wall-clock time between two checkpoints, s.
+    Raises CaseError for a case that cannot be set up and for a checkpoint that is not this run's, and
+    SimulationError, naming particle and time, when the state stops being finite; what was recorded before
+    is kept in `out` and in the error's `run`.
     """
-    return simulate_setup(build_setup(case), out, progress)
+    if resume and out is not None:
+        finished = finished_run(Path(out), case)
+        if finished is not None:
+            return finished
+    return simulate_setup(build_setup(case), out, progress, resume, checkpoint_interval)
 
 
 def simulate_setup(
-    setup: Setup, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+    setup: Setup,
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: bool = False,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
 ) -> Run:
     """Run a setup, such as several copies of a case side by side; see `simulate`."""
     recorder = _Recorder(setup)
-    try:
+    checkpoint = None if out is None else Checkpoint(Path(out), setup)
+    saved = checkpoint.load() if checkpoint is not None and resume else None
+    if saved is not None:
+        recorder.restore(saved)
+    else:
+        if checkpoint is not None:
+            checkpoint.start()
         recorder.record()
-        for t_end in setup.output_times[1:]:
-            _advance_to(recorder, float(t_end))
-            recorder.record()
+    last = recorder.begin
+    try:
+        for stop in _stops(setup)[recorder.stops :]:
             if progress is not None:
-                progress(float(t_end / setup.end_time))
+                progress(recorder.state.time / setup.end_time)
+            _advance_to(recorder, stop.time)
+            if stop.output:
+                recorder.record()
+            recorder.stops += 1
+            if checkpoint is not None and perf_counter() - last >= checkpoint_interval:
+                checkpoint.add(*recorder.news())
+                last = perf_counter()
         recorder.complete = True
     finally:
         run = recorder.run()
         if out is not None:
+            run.provenance["timing"] = recorder.timing()
             run.save(Path(out))
+    if checkpoint is not None:
+        checkpoint.remove()
+    if progress is not None:
+        progress(1.0)
     return run
+
+
+def _stops(setup: Setup) -> list[Stop]:
+    """The ends of the kernel's calls: output times, and times between them where a call would take long.
+
+    They depend on the setup alone, never on the clock, because each call starts with a new list of neighbors.
+    """
+    stops = []
+    for begin, end in pairwise(map(float, setup.output_times)):
+        steps = (end - begin) / setup.time_step
+        calls = max(1, math.ceil(steps * len(setup.state.mass) / PARTICLE_STEPS))
+        times = np.linspace(begin, end, calls + 1)[1:]
+        stops += [Stop(float(time), time == end) for time in times]
+    return stops
 
 
 def _advance_to(recorder: _Recorder, t_end: float) -> None:
@@ -113,10 +177,7 @@ class _Recorder:
         part = setup.case.numerics
         self.state = replace(
             setup.state,
-            **{
-                name: getattr(setup.state, name).copy()
-                for name in ("position", "velocity", "mass", "heights")
-            },
+            **{name: getattr(setup.state, name).copy() for name in EVOLVING},
         )
         self.numerics = Numerics(
             time_step=setup.time_step,
@@ -134,6 +195,9 @@ class _Recorder:
         self.frames: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
         self.history: list[dict[str, float]] = []
         self.complete = False
+        self.stops = 0  # passed
+        self.saved = (0, 0)  # frames and chunks that are in the checkpoint
+        self.begin, self.earlier, self.sessions = perf_counter(), 0.0, 1
 
     def collect(self) -> None:
         """Move the kernel's ledger rows out of its buffer."""
@@ -149,6 +213,54 @@ class _Recorder:
         volume, mass = self.scalars[P.removed_volume], self.scalars[P.removed_mass]
         row = history_row(state.time, state, self.setup.state.heights, volume, mass, self.setup.case.cost)
         self.history.append(row | {name: float(self.scalars[getattr(P, name)]) for name in SUMS})
+
+    def timing(self) -> dict[str, Any]:
+        """Wall-clock time of all sessions, s, and what was done in it."""
+        wall_time = self.earlier + perf_counter() - self.begin
+        particle_steps = float(self.scalars[P.steps]) * len(self.state.mass)
+        return {
+            "wall_time": wall_time,
+            "sessions": self.sessions,
+            "particle_steps_per_second": particle_steps / wall_time,
+        }
+
+    def news(self) -> Saved:
+        """What was recorded since it was last asked for, and the present state, for a checkpoint."""
+        frames, chunks = self.saved
+        self.saved = len(self.frames), len(self.chunks)
+        state, count = self.state, self.saved[0] - frames
+        shapes = ((), state.position.shape, state.velocity.shape, state.mass.shape)
+        columns = zip(*self.frames[frames:], strict=True) if count else ([], [], [], [])
+        rows = {
+            name: np.array(column, dtype=float).reshape(count, *shape)
+            for name, column, shape in zip(FRAME, columns, shapes, strict=True)
+        }
+        rows["history"] = pd.DataFrame(self.history[frames:], columns=COLUMNS).to_numpy(dtype=float)
+        rows["ledger"] = np.concatenate([*self.chunks[chunks:], self.rows[:0]])
+        return Saved(
+            rows,
+            {name: getattr(state, name) for name in EVOLVING}
+            | {
+                "progress": self.scalars,
+                "counts": np.array([self.stops, self.sessions, len(self.rows)]),
+                "wall_time": np.array(self.timing()["wall_time"]),
+            },
+        )
+
+    def restore(self, saved: Saved) -> None:
+        """Be as at a checkpoint; a ledger buffer of the same length stops the kernel at the same steps."""
+        rows, state = saved
+        for name in EVOLVING:
+            getattr(self.state, name)[...] = state[name]
+        self.scalars[:] = state["progress"]
+        self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
+        self.stops, sessions, buffer = map(int, state["counts"])
+        self.rows = empty_ledger(buffer)
+        self.frames = list(zip(*(rows[name] for name in FRAME), strict=True))
+        self.history = [dict(zip(COLUMNS, row, strict=True)) for row in rows["history"].tolist()]
+        self.chunks = [rows["ledger"]]
+        self.saved = len(self.frames), len(self.chunks)
+        self.earlier, self.sessions = float(state["wall_time"]), sessions + 1
 
     def run(self) -> Run:
         """What has been recorded, as a run."""
@@ -174,7 +286,7 @@ class _Recorder:
             velocities=velocities,
             masses=masses,
             contacts=ledger_frame(np.concatenate([*self.chunks, self.rows[:0]])),
-            history=pd.DataFrame(self.history, columns=[*HISTORY, *SUMS]),
+            history=pd.DataFrame(self.history, columns=COLUMNS),
             diameters=self.state.diameter.copy(),
             provenance=provenance,
             **surfaces,
