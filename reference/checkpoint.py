@@ -114,16 +114,21 @@ class Checkpoint:
                 raise CaseError(f"{self.folder}: the checkpoint belongs to another {what}; {again}")
 
 
+def is_complete(folder: Path) -> bool:
+    """Whether a folder says that it holds a complete run."""
+    try:
+        provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(provenance, dict) and provenance.get("complete") is True
+
+
 def finished_run(folder: Path, case: Case) -> Run | None:
     """The complete run in a folder, or None where there is none.
 
     Raises CaseError for a run of another case or engine.
     """
-    try:
-        complete = json.loads((folder / "provenance.json").read_text("utf-8")).get("complete")
-    except (OSError, ValueError):
-        return None
-    if not complete:
+    if not is_complete(folder):
         return None
     run = Run.load(folder)
     if run.case != case or run.provenance["engine"] != "reference":
