@@ -146,8 +146,8 @@ def run(
     for line in lines:
         typer.echo(line)
     if there:
-        all_there = len(there) == len(variants)
-        typer.echo("complete already" if all_there else f"{len(there)} variants were complete already")
+        share = f"{len(there)} of {len(variants)} variants were " if len(variants) > len(there) else ""
+        typer.echo(f"{share}complete already")
     typer.echo(f"run: {folder}")
 
 
