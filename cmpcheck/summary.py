@@ -14,7 +14,7 @@ def summary(run: Run) -> list[str]:
     if "timing" in provenance:
         timing = provenance["timing"]
         sessions = f" and {timing['sessions']} sessions" if timing["sessions"] > 1 else ""
-        speed = f"{timing['particle_steps_per_second'] / 1e6:.3g} million particle-steps/s"
+        speed = f"{timing['particle_steps_per_second']:,.0f} particle-steps/s"
         lines[0] += f" in {duration(timing['wall_time'])}{sessions}"
         lines[0] += f", {speed}" if timing["wall_time"] >= 1.0 else ""
     if run.case.removal is not None:

@@ -235,24 +235,19 @@ class _Recorder:
         """What was recorded since it was last asked for, and the present state, for a checkpoint."""
         frames, chunks = self.saved
         self.saved = len(self.frames), len(self.chunks)
-        state, count = self.state, self.saved[0] - frames
-        shapes = ((), state.position.shape, state.velocity.shape, state.mass.shape)
-        columns = zip(*self.frames[frames:], strict=True) if count else ([], [], [], [])
+        new = self.frames[frames:]  # none where the kernel stopped between output times
         rows = {
-            name: np.array(column, dtype=float).reshape(count, *shape)
-            for name, column, shape in zip(FRAME, columns, shapes, strict=True)
+            name: np.array([frame[k] for frame in new]).reshape(len(new), *np.shape(self.frames[0][k]))
+            for k, name in enumerate(FRAME)
         }
         rows["history"] = pd.DataFrame(self.history[frames:], columns=COLUMNS).to_numpy(dtype=float)
         rows["ledger"] = np.concatenate([*self.chunks[chunks:], self.rows[:0]])
-        return Saved(
-            rows,
-            {name: getattr(state, name) for name in EVOLVING}
-            | {
-                "progress": self.scalars,
-                "counts": np.array([self.stops, self.sessions, len(self.rows)]),
-                "wall_time": np.array(self.wall_time),
-            },
-        )
+        state = {name: getattr(self.state, name) for name in EVOLVING} | {
+            "progress": self.scalars,
+            "counts": np.array([self.stops, self.sessions, len(self.rows)]),
+            "wall_time": np.array(self.wall_time),
+        }
+        return Saved(rows, state)
 
     def restore(self, saved: Saved) -> None:
         """Be as at a checkpoint; a ledger buffer of the same length stops the kernel at the same steps."""

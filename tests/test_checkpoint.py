@@ -28,14 +28,14 @@ def shortened(name="polish_full", **header) -> Case:
     return case.model_copy(update={"case": case.case.model_copy(update=header)})
 
 
-POLISH = shortened(duration=0.2e-3, outputs=31)  # 22 000 steps; the pad comes down in 0.14 ms
+POLISH = shortened(duration=0.2e-3, outputs=16)  # 22 000 steps; the pad comes down in 0.14 ms
 
 
 @pytest.fixture(autouse=True)
 def tight(monkeypatch):
     """A ledger buffer that starts with one row, grows and overflows; two calls of the kernel an output."""
     monkeypatch.setattr(simulation, "LEDGER_ROWS", 1)
-    monkeypatch.setattr(simulation, "PARTICLE_STEPS", 30_000)
+    monkeypatch.setattr(simulation, "PARTICLE_STEPS", 60_000)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def whole(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulation, "LEDGER_ROWS", 1)
-        patch.setattr(simulation, "PARTICLE_STEPS", 30_000)
+        patch.setattr(simulation, "PARTICLE_STEPS", 60_000)
         simulate(POLISH, folder, checkpoint_interval=np.inf)
     return folder
 
@@ -80,7 +80,7 @@ def begin(case: Case, folder: Path, fraction: float = 0.5) -> Path:
 def test_a_run_killed_at_random_moments_ends_in_the_same_bytes(tmp_path, whole):
     """kill -9, five times, a random while after a random checkpoint; none of the moments may matter."""
     random = np.random.default_rng(7)
-    for part in sorted(random.choice(50, 5, replace=False)):
+    for part in sorted(random.choice(26, 5, replace=False)):
         session = multiprocessing.get_context("fork").Process(
             target=simulate,
             args=(POLISH, tmp_path),
@@ -165,7 +165,7 @@ def test_the_clock_decides_when_checkpoints_are_made_and_nothing_else(tmp_path, 
         Checkpoint, "add", lambda self, *saved: made.append(saved[1]["wall_time"]) or add(self, *saved)
     )
     simulate(POLISH, tmp_path, checkpoint_interval=10.0)
-    assert 2 < len(made) < len(simulation._stops(build_setup(POLISH))) / 5
+    assert 2 < len(made) < len(simulation._stops(build_setup(POLISH))) / 3
     assert np.diff(made).min() >= 10.0
     assert digests(tmp_path) == digests(whole)
 
@@ -175,9 +175,9 @@ def test_the_kernel_stops_at_times_that_the_case_alone_decides():
     setup = build_setup(POLISH)
     stops = simulation._stops(setup)
     assert [stop.time for stop in stops if stop.output] == setup.output_times[1:].tolist()
-    assert len(stops) == 2 * 30  # 741 steps of 73 particles are more than 30 000
+    assert len(stops) == 2 * 15  # 1482 steps of 73 particles are more than 60 000
     most = max(b.time - a.time for a, b in itertools.pairwise(stops)) / setup.time_step * 73
-    assert 20_000 < most <= 30_000
+    assert 50_000 < most <= 60_000
 
 
 # files
@@ -189,9 +189,9 @@ def test_parts_are_only_added_and_go_when_the_run_is_complete(tmp_path, whole):
     with pytest.raises(KeyboardInterrupt):
         simulate(POLISH, tmp_path, interrupt_at(0.5), resume=True, checkpoint_interval=0)
     after = {path.name: path.stat().st_mtime_ns for path in folder.glob("part-*")}
-    assert len(after) > 2 * len(before) > 10
+    assert len(after) > 2 * len(before) > 8
     assert before.items() <= after.items()
-    assert max(path.stat().st_size for path in folder.iterdir()) < 0.2 * sum(
+    assert max(path.stat().st_size for path in folder.iterdir()) < 0.5 * sum(
         path.stat().st_size for path in folder.iterdir()
     )
     simulate(POLISH, tmp_path, resume=True)
