@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import IO
 
-from reference.checkpoint import INDEX, is_complete
+from reference.checkpoint import INDEX
 
 REPORT_ENTRIES = ("index.html", "report.md", "report.json", "junit.xml", "data")
 STAGING = ".unfinished"
@@ -112,19 +112,15 @@ def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
     ours; and when another process is writing there.
     """
     held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    if held and not force:
-        whole, begun = _runs_in(folder)
-        if resume and not (whole or begun):
-            raise OutputError(
-                f"{folder}: holds {held[0]} and no run to go on with; choose another folder, or --force to "
-                "write over it"
-            )
-        if not resume and begun:
-            raise OutputError(
-                f"{folder}: holds an incomplete run; --resume to go on with it, --force to start again"
-            )
-        if not resume:
-            raise OutputError(f"{folder}: exists already; choose another folder, or --force to write over it")
+    ours = any(folder.rglob("provenance.json")) or any(folder.rglob(INDEX))
+    if held and resume and not ours:
+        raise OutputError(
+            f"{folder}: holds {held[0]} and no run to go on with; choose another folder, or --force to write "
+            "over it"
+        )
+    if held and not resume and not force:
+        ways = "--resume goes on with a run that is not complete" if ours else "choose another folder"
+        raise OutputError(f"{folder}: exists already; {ways}, --force writes over it")
     writable(folder)
     _lock(folder)
     if not resume:
@@ -133,12 +129,6 @@ def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
         for index in folder.rglob(INDEX):
             shutil.rmtree(index.parent)
     return folder
-
-
-def _runs_in(folder: Path) -> tuple[bool, bool]:
-    """Whether complete runs, and runs that are not, lie in a folder or below it."""
-    complete = [is_complete(path.parent) for path in folder.rglob("provenance.json")]
-    return any(complete), not all(complete) or any(folder.rglob(INDEX))
 
 
 def write_new(path: Path, text: str, force: bool) -> None:

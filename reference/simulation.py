@@ -1,4 +1,4 @@
-"""From a case to a run: the loop over output times, and nothing else."""
+"""From a case to a run: the loop over output times, what it records, and going on from a checkpoint."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ def test_an_interrupted_run_says_how_to_go_on_and_goes_on_to_the_same_bytes(here
     assert "to go on: cmpcheck run drag_relaxation --resume" in stopped.stderr
     assert 0.5 < Run.load("runs/drag_relaxation").times[-1] / 0.9e-6 < 0.6
     line = complaint("run", "drag_relaxation")
-    assert "holds an incomplete run; --resume to go on with it, --force to start again" in line
+    assert "exists already; --resume goes on with a run that is not complete, --force writes over it" in line
     assert "2 sessions" in call("run", "drag_relaxation", "--resume").stdout
     for name in ("trajectory.h5", "contacts.parquet", "history.parquet"):
         assert Path("runs/drag_relaxation", name).read_bytes() == Path("whole", name).read_bytes()
