@@ -100,26 +100,54 @@ def run(
     case: Annotated[str, typer.Argument(help="name or file of a case")],
     engine: Annotated[str, typer.Option(help="the engine that runs it")] = "reference",
     out: Annotated[Path | None, typer.Option(help="run folder; default runs/CASE")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="go on with a run that was interrupted or killed")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="write over an existing run folder")] = False,
 ) -> None:
     """Run one case in one engine.
 
-    The run folder is kept: one below it for each variant of a case that has any.
+    The run folder is kept: one below it for each variant of a case that has any.  The reference saves its
+    state every ten seconds; --resume goes on from there to the same numbers.
     """
     from cmpcheck import outputs
     from cmpcheck.single import run_variant
+    from cmpcheck.summary import summary
     from reference.case import load_case
+    from reference.checkpoint import is_complete
 
     loaded = load_case(case)
     _require([engine])
-    folder = outputs.claim_run_folder(out or Path("runs") / loaded.name, force)
+    if resume and force:
+        raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")
+    if resume and engine != "reference":
+        raise BadInput(
+            f"--resume: only the reference can go on with a run; start {engine} again with --force"
+        )
+    folder = outputs.claim_run_folder(out or Path("runs") / loaded.name, force, resume)
+    variants = loaded.variants()
+    there = [variant for variant in variants if is_complete(folder / variant.variant)]
+    lines: list[str] = []
     try:
         with progress_bars() as bars:
-            for variant in loaded.variants():
+            for variant in variants:
                 task = bars.add_task(variant.variant or variant.name, total=1.0)
-                run_variant(variant, engine, folder / variant.variant, show_fraction(bars, task))
+                result = run_variant(
+                    variant, engine, folder / variant.variant, show_fraction(bars, task), resume
+                )
+                lines += [
+                    f"{variant.name} {variant.variant}".strip(),
+                    *(f"  {line}" for line in summary(result)),
+                ]
     except KeyboardInterrupt:
-        complain(f"interrupted: {folder} keeps what was recorded, marked as not complete", INTERRUPTED)
+        where = f" --out {out}" if out else ""
+        go_on = f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
+        complain(f"interrupted: {folder} keeps what was recorded, marked as not complete{go_on}", INTERRUPTED)
+    for line in lines:
+        typer.echo(line)
+    if there:
+        share = f"{len(there)} of {len(variants)} variants were " if len(variants) > len(there) else ""
+        typer.echo(f"{share}complete already")
     typer.echo(f"run: {folder}")
 
 

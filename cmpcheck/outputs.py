@@ -16,9 +16,11 @@ import tempfile
 from pathlib import Path
 from typing import IO
 
+from reference.checkpoint import INDEX
+
 REPORT_ENTRIES = ("index.html", "report.md", "report.json", "junit.xml", "data")
 STAGING = ".unfinished"
-_LOCKS: dict[Path, IO[str]] = {}  # folders that this process is writing a report for
+_LOCKS: dict[Path, IO[str]] = {}  # folders that this process is writing to
 
 
 class OutputError(ValueError):
@@ -65,7 +67,7 @@ def stage_report(folder: Path, force: bool) -> Path:
 
 
 def _lock(folder: Path) -> None:
-    """Keep other processes from making a report for the same folder; the lock ends with the process."""
+    """Keep other processes from writing to the same folder; the lock ends with the process."""
     key = folder.resolve()
     if key in _LOCKS:
         return
@@ -75,9 +77,7 @@ def _lock(folder: Path) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         handle.close()
-        raise OutputError(
-            f"{folder}: another run is writing its report there; choose another folder"
-        ) from None
+        raise OutputError(f"{folder}: another run is writing there; choose another folder") from None
     _LOCKS[key] = handle
 
 
@@ -105,16 +105,30 @@ def discard_report(staging: Path) -> None:
         staging.parent.rmdir()
 
 
-def claim_run_folder(folder: Path, force: bool) -> Path:
-    """The folder for a run, made if need be, and marked as holding no complete run.
+def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
+    """The folder for a run, made if need be; unless it is resumed, marked as holding no complete run.
 
-    Raises OutputError when it already holds something, unless `force`.
+    Raises OutputError when it already holds something, unless `force`, or `resume` and it holds a run of
+    ours; and when another process is writing there.
     """
-    if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise OutputError(f"{folder}: exists already; choose another folder, or --force to write over it")
-    for complete in folder.rglob("provenance.json"):
-        complete.unlink()
-    return writable(folder)
+    held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    ours = any(folder.rglob("provenance.json")) or any(folder.rglob(INDEX))
+    if held and resume and not ours:
+        raise OutputError(
+            f"{folder}: holds {held[0]} and no run to go on with; choose another folder, or --force to write "
+            "over it"
+        )
+    if held and not resume and not force:
+        ways = "--resume goes on with a run that is not complete" if ours else "choose another folder"
+        raise OutputError(f"{folder}: exists already; {ways}, --force writes over it")
+    writable(folder)
+    _lock(folder)
+    if not resume:
+        for complete in folder.rglob("provenance.json"):
+            complete.unlink()
+        for index in folder.rglob(INDEX):
+            shutil.rmtree(index.parent)
+    return folder
 
 
 def write_new(path: Path, text: str, force: bool) -> None:

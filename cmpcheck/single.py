@@ -8,28 +8,36 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
 
 from cmpcheck.engines import make_engine
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.study import align_outputs, contact_settings
 from reference.case import Case
 from reference.process import build_setup
+from reference.recording import Run, timing
 from reference.simulation import simulate
 from reference.state import Setup
 
 
-def run_variant(case: Case, engine: str, folder: Path, progress: Callable[[float], None]) -> None:
-    """Simulate one of a case's `variants()` and write its run folder.
+def run_variant(
+    case: Case, engine: str, folder: Path, progress: Callable[[float], None], resume: bool = False
+) -> Run:
+    """Simulate one of a case's `variants()`, write its run folder and return the run.
 
-    Parameters: progress is called with the fraction done, by engines that can tell it.
+    Parameters: progress is called with the fraction done, by engines that can tell it; resume goes on from
+    a checkpoint, which only the reference writes.
     Raises CaseError, SimulationError and EngineError as the engine does.
     """
     if engine == "reference":
-        simulate(case, folder, progress)
-        return
+        return simulate(case, folder, progress, resume)
     setup = align_outputs(build_setup(case))
-    make_engine(engine).run(setup, _resolution(setup, case, engine)).save(folder)
+    begin = perf_counter()
+    run = make_engine(engine).run(setup, _resolution(setup, case, engine))
+    run.provenance["timing"] = timing(perf_counter() - begin, run.provenance["steps"], len(run.diameters))
+    run.save(folder)
     progress(1.0)
+    return run
 
 
 def _resolution(setup: Setup, case: Case, engine: str) -> Resolution:

@@ -114,10 +114,14 @@ class Case(Section):
         path = tuple(int(part) if part.isdigit() else part for part in key.split("."))
         return self._source.error(path, value, allowed)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the case as TOML in SI numbers, defaults included; it loads back equal."""
+    def toml(self) -> str:
+        """The case as TOML in SI numbers, defaults included: equal text for equal cases."""
         data = self.model_dump(by_alias=True, exclude_none=True)
-        Path(path).write_text(tomli_w.dumps({key: value for key, value in data.items() if value}), "utf-8")
+        return tomli_w.dumps({key: value for key, value in data.items() if value})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the case as `toml()`; it loads back equal."""
+        Path(path).write_text(self.toml(), "utf-8")
 
 
 def available_cases() -> list[str]:

@@ -137,3 +137,12 @@ def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
         "versions": {name: metadata.version(name) for name in ("numpy", "numba")},
         "complete": False,
     }
+
+
+def timing(wall_time: float, steps: int, particles: int, sessions: int = 1) -> dict[str, Any]:
+    """What the provenance of a run says of its speed; wall_time in s, of all sessions that it took."""
+    return {
+        "wall_time": wall_time,
+        "sessions": sessions,
+        "particle_steps_per_second": steps * particles / wall_time,
+    }

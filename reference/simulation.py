@@ -1,20 +1,25 @@
-"""From a case to a run: the loop over output times, and nothing else."""
+"""From a case to a run: the loop over output times, what it records, and going on from a checkpoint."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from reference.case import Case
+from reference.checkpoint import Checkpoint, Saved, finished_run
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
-from reference.recording import HISTORY, SUMS, Run, basic_provenance, history_row
+from reference.recording import HISTORY, SUMS, Run, basic_provenance, history_row, timing
 from reference.schemes import Numerics
 from reference.state import Setup
 from reference.timestep import (
@@ -28,11 +33,23 @@ from reference.timestep import (
 )
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
+PARTICLE_STEPS = 10_000_000  # of a call of the kernel, at most: about a second, in which nothing is saved
+CHECKPOINT_INTERVAL = 10.0  # s of wall-clock time
+EVOLVING = ("position", "velocity", "mass", "heights")  # arrays of the state
+COLUMNS = [*HISTORY, *SUMS]
+FRAME = ("times", "positions", "velocities", "masses")
 REASONS = {
     NOT_FINITE: "the state is not finite",
     NOT_CONVERGED: "the drag did not converge in 100 iterations",
     STEP_VANISHED: "the adaptive step fell below 1e-9 of the largest step",
 }
+
+
+class Stop(NamedTuple):
+    """Where the kernel returns."""
+
+    time: float  # s
+    output: bool  # the state is recorded
 
 
 class SimulationError(RuntimeError):
@@ -44,35 +61,84 @@ class SimulationError(RuntimeError):
 
 
 def simulate(
-    case: Case, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: bool = False,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
 ) -> Run:
     """Run one case (one of its `variants()`) and return what was recorded.
 
-    Parameters: `out` a folder to write the run to; `progress` is called with the fraction done.
-    Raises CaseError for a case that cannot be set up, and SimulationError, naming particle and time, when
-    the state stops being finite; what was recorded before is kept in `out` and in the error's `run`.
+    Parameters: `out` a folder to write the run to; `progress` is called with the fraction done; `resume`
+    goes on from the last checkpoint in `out`, to the same arrays, and returns a run that is complete
+    already; `checkpoint_interval`, wall-clock time between two checkpoints, s.
+    Raises CaseError for a case that cannot be set up and for a checkpoint that is not this run's, and
+    SimulationError, naming particle and time, when the state stops being finite; what was recorded before
+    is kept in `out` and in the error's `run`.
     """
-    return simulate_setup(build_setup(case), out, progress)
+    if resume and out is not None:
+        finished = finished_run(Path(out), case)
+        if finished is not None:
+            return finished
+    return simulate_setup(build_setup(case), out, progress, resume, checkpoint_interval)
 
 
 def simulate_setup(
-    setup: Setup, out: str | os.PathLike[str] | None = None, progress: Callable[[float], None] | None = None
+    setup: Setup,
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: bool = False,
+    checkpoint_interval: float = CHECKPOINT_INTERVAL,
 ) -> Run:
     """Run a setup, such as several copies of a case side by side; see `simulate`."""
     recorder = _Recorder(setup)
-    try:
+    checkpoint = None if out is None else Checkpoint(Path(out), setup)
+    saved = checkpoint.load() if checkpoint is not None and resume else None
+    if saved is not None:
+        recorder.restore(saved)
+    else:
+        if checkpoint is not None:
+            checkpoint.start()
         recorder.record()
-        for t_end in setup.output_times[1:]:
-            _advance_to(recorder, float(t_end))
-            recorder.record()
+    try:
+        last = recorder.start_clock()
+        for stop in _stops(setup)[recorder.stops :]:
             if progress is not None:
-                progress(float(t_end / setup.end_time))
+                progress(recorder.state.time / setup.end_time)
+            _advance_to(recorder, stop.time)
+            if stop.output:
+                recorder.record()
+            recorder.stops += 1
+            if checkpoint is not None and perf_counter() - last >= checkpoint_interval:
+                checkpoint.add(*recorder.news())
+                last = perf_counter()
         recorder.complete = True
     finally:
         run = recorder.run()
         if out is not None:
+            run.provenance["timing"] = timing(
+                recorder.wall_time, run.provenance["steps"], len(run.diameters), recorder.sessions
+            )
             run.save(Path(out))
+    if checkpoint is not None:
+        checkpoint.remove()
+    if progress is not None:
+        progress(1.0)
     return run
+
+
+def _stops(setup: Setup) -> list[Stop]:
+    """The ends of the kernel's calls: output times, and times between them where a call would take long.
+
+    They depend on the setup alone, never on the clock, because each call starts with a new list of neighbors.
+    """
+    stops = []
+    for begin, end in pairwise(map(float, setup.output_times)):
+        steps = (end - begin) / setup.time_step
+        calls = max(1, math.ceil(steps * len(setup.state.mass) / PARTICLE_STEPS))
+        times = np.linspace(begin, end, calls + 1)[1:]
+        stops += [Stop(float(time), time == end) for time in times]
+    return stops
 
 
 def _advance_to(recorder: _Recorder, t_end: float) -> None:
@@ -113,10 +179,7 @@ class _Recorder:
         part = setup.case.numerics
         self.state = replace(
             setup.state,
-            **{
-                name: getattr(setup.state, name).copy()
-                for name in ("position", "velocity", "mass", "heights")
-            },
+            **{name: getattr(setup.state, name).copy() for name in EVOLVING},
         )
         self.numerics = Numerics(
             time_step=setup.time_step,
@@ -134,6 +197,19 @@ class _Recorder:
         self.frames: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
         self.history: list[dict[str, float]] = []
         self.complete = False
+        self.stops = 0  # passed
+        self.saved = (0, 0)  # frames and chunks that are in the checkpoint
+        self.begin, self.earlier, self.sessions = perf_counter(), 0.0, 1
+
+    def start_clock(self) -> float:
+        """Begin to count wall-clock time, s, when the kernel is compiled: no step is enough for that."""
+        now = self.scalars[P.time]
+        advance(
+            self.setup.model, self.numerics, self.scalars, now, 0,
+            self.state.particles, self.state.heights, self.rows,
+        )  # fmt: skip
+        self.begin = perf_counter()
+        return self.begin
 
     def collect(self) -> None:
         """Move the kernel's ledger rows out of its buffer."""
@@ -149,6 +225,44 @@ class _Recorder:
         volume, mass = self.scalars[P.removed_volume], self.scalars[P.removed_mass]
         row = history_row(state.time, state, self.setup.state.heights, volume, mass, self.setup.case.cost)
         self.history.append(row | {name: float(self.scalars[getattr(P, name)]) for name in SUMS})
+
+    @property
+    def wall_time(self) -> float:
+        """Of all sessions, s."""
+        return self.earlier + perf_counter() - self.begin
+
+    def news(self) -> Saved:
+        """What was recorded since it was last asked for, and the present state, for a checkpoint."""
+        frames, chunks = self.saved
+        self.saved = len(self.frames), len(self.chunks)
+        new = self.frames[frames:]  # none where the kernel stopped between output times
+        rows = {
+            name: np.array([frame[k] for frame in new]).reshape(len(new), *np.shape(self.frames[0][k]))
+            for k, name in enumerate(FRAME)
+        }
+        rows["history"] = pd.DataFrame(self.history[frames:], columns=COLUMNS).to_numpy(dtype=float)
+        rows["ledger"] = np.concatenate([*self.chunks[chunks:], self.rows[:0]])
+        state = {name: getattr(self.state, name) for name in EVOLVING} | {
+            "progress": self.scalars,
+            "counts": np.array([self.stops, self.sessions, len(self.rows)]),
+            "wall_time": np.array(self.wall_time),
+        }
+        return Saved(rows, state)
+
+    def restore(self, saved: Saved) -> None:
+        """Be as at a checkpoint; a ledger buffer of the same length stops the kernel at the same steps."""
+        rows, state = saved
+        for name in EVOLVING:
+            getattr(self.state, name)[...] = state[name]
+        self.scalars[:] = state["progress"]
+        self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
+        self.stops, sessions, buffer = map(int, state["counts"])
+        self.rows = empty_ledger(buffer)
+        self.frames = list(zip(*(rows[name] for name in FRAME), strict=True))
+        self.history = [dict(zip(COLUMNS, row, strict=True)) for row in rows["history"].tolist()]
+        self.chunks = [rows["ledger"]]
+        self.saved = len(self.frames), len(self.chunks)
+        self.earlier, self.sessions = float(state["wall_time"]), sessions + 1
 
     def run(self) -> Run:
         """What has been recorded, as a run."""
@@ -174,7 +288,7 @@ class _Recorder:
             velocities=velocities,
             masses=masses,
             contacts=ledger_frame(np.concatenate([*self.chunks, self.rows[:0]])),
-            history=pd.DataFrame(self.history, columns=[*HISTORY, *SUMS]),
+            history=pd.DataFrame(self.history, columns=COLUMNS),
             diameters=self.state.diameter.copy(),
             provenance=provenance,
             **surfaces,

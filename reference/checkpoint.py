@@ -1,0 +1,183 @@
+"""Checkpoints: what a run in progress needs to go on after it was killed.
+
+Each checkpoint adds one numbered part and never rewrites an earlier one: the rows recorded since, and the
+state at its end.  `checkpoint.json`, replaced last and at once, lists with their digests the parts that
+belong together, and whose they are; nothing else in the folder is read.  What the rows and the state
+consist of is `simulation.py`'s business.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from reference.case import Case, CaseError
+from reference.recording import Run
+from reference.state import Setup
+
+FOLDER, INDEX = "checkpoint", "checkpoint.json"
+Arrays = dict[str, np.ndarray]
+
+
+class Saved(NamedTuple):
+    """What a checkpoint holds."""
+
+    rows: Arrays  # recorded since the start, along the first axis
+    state: Arrays  # at the end
+
+
+class Checkpoint:
+    """The checkpoint of one run, in the folder `checkpoint` of its run folder."""
+
+    def __init__(self, run_folder: Path, setup: Setup):
+        self.folder = run_folder / FOLDER
+        self.owner = {"case": setup.case.toml(), "setup": _digest_of_setup(setup), "code": _version_of_code()}
+        self.parts: dict[str, str] = {}  # name and SHA-256, in order
+
+    def start(self) -> None:
+        """Begin anew, whatever was there; from now on the run folder holds no complete run."""
+        (self.folder.parent / "provenance.json").unlink(missing_ok=True)
+        self.remove()
+        self.folder.mkdir(parents=True)
+        self.parts = {}
+        self._write_index()
+
+    def add(self, rows: Arrays, state: Arrays) -> None:
+        """Make a checkpoint: the rows since the last one, and the present state.  Raises OSError."""
+        name = f"part-{len(self.parts):05}.h5"
+
+        def write(path: Path) -> None:
+            with h5py.File(path, "w") as file:
+                for group, arrays in (("rows", rows), ("state", state)):
+                    for key, value in arrays.items():
+                        file.create_dataset(f"{group}/{key}", data=value, track_times=False)
+
+        _write_durably(self.folder / name, write)
+        self.parts[name] = _digest_of_file(self.folder / name)
+        self._write_index()
+
+    def load(self) -> Saved | None:
+        """What was saved, or None where nothing was.
+
+        Raises CaseError for a checkpoint of another case or version, and for one that is damaged.
+        """
+        if not (self.folder / INDEX).exists():
+            return None
+        try:
+            index = json.loads((self.folder / INDEX).read_text("utf-8"))
+            self._require_same_owner(index["owner"])
+            for name, digest in index["parts"].items():
+                if _digest_of_file(self.folder / name) != digest:
+                    raise ValueError(f"{name} is not as it was written")
+            pieces = [_read_part(self.folder / name) for name in index["parts"]]
+        except CaseError:
+            raise
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+            raise CaseError(
+                f"{self.folder}: the checkpoint is damaged ({problem}); allowed: to start again with --force"
+            ) from None
+        self.parts = dict(index["parts"])
+        if not pieces:
+            return None
+        rows = {key: np.concatenate([piece.rows[key] for piece in pieces]) for key in pieces[0].rows}
+        return Saved(rows, pieces[-1].state)
+
+    def remove(self) -> None:
+        """Remove it, when the run is complete or begins anew."""
+        if self.folder.exists():
+            if self.parts:
+                os.sync()  # the run folder is on the disk before what could restore it goes
+            shutil.rmtree(self.folder)
+
+    def _write_index(self) -> None:
+        text = json.dumps({"owner": self.owner, "parts": self.parts}, indent=2) + "\n"
+        _write_durably(self.folder / INDEX, lambda path: path.write_text(text, "utf-8"))
+
+    def _require_same_owner(self, owner: dict[str, str]) -> None:
+        again = "allowed: to go on with what began it, or to start again with --force"
+        if owner["case"] != self.owner["case"]:
+            earlier = owner["case"].splitlines()
+            changed = next((line for line in self.owner["case"].splitlines() if line not in earlier), "")
+            now = f", now {changed}" if changed else ""
+            raise CaseError(f"{self.folder}: the checkpoint belongs to another case{now}; {again}")
+        for key, what in (("code", "version of the code, NumPy or Numba"), ("setup", "initial state")):
+            if owner[key] != self.owner[key]:
+                raise CaseError(f"{self.folder}: the checkpoint belongs to another {what}; {again}")
+
+
+def is_complete(folder: Path) -> bool:
+    """Whether a folder says that it holds a complete run."""
+    try:
+        provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(provenance, dict) and provenance.get("complete") is True
+
+
+def finished_run(folder: Path, case: Case) -> Run | None:
+    """The complete run in a folder, or None where there is none.
+
+    Raises CaseError for a run of another case or engine.
+    """
+    if not is_complete(folder):
+        return None
+    run = Run.load(folder)
+    if run.case != case or run.provenance["engine"] != "reference":
+        raise CaseError(
+            f"{folder}: holds a complete run of another case or engine; allowed: another folder, or --force"
+        )
+    shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of a session killed when it had just ended
+    return run
+
+
+def _read_part(path: Path) -> Saved:
+    with h5py.File(path) as file:
+        return Saved(*({key: value[()] for key, value in file[group].items()} for group in ("rows", "state")))
+
+
+def _write_durably(path: Path, writer: Callable[[Path], object]) -> None:
+    """Write to a temporary name, bring it to the disk, and rename."""
+    partial = path.with_name(f".{path.name}.partial")
+    writer(partial)
+    _bring_to_disk(partial)
+    os.replace(partial, path)
+    _bring_to_disk(path.parent)
+
+
+def _bring_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _digest_of_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _digest_of_setup(setup: Setup) -> str:
+    """SHA-256 of where a run starts and of the times at which it stops."""
+    state, digest = setup.state, hashlib.sha256(np.float64(setup.time_step).tobytes())
+    for array in (*state.particles, state.heights, setup.output_times):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _version_of_code() -> str:
+    """SHA-256 of this package's sources, and the versions of what compiles and runs them."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    versions = " ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba"))
+    return f"{digest.hexdigest()} {versions}"
