@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from reference.balances import close_books
 from reference.case import Case
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
@@ -50,7 +51,7 @@ def simulate(
 
     Parameters: `out` a folder to write the run to; `progress` is called with the fraction done.
     Raises CaseError for a case that cannot be set up, and SimulationError, naming particle and time, when
-    the state stops being finite; what was recorded before is kept in `out` and in the error's `run`.
+    the state stops being finite, or a balance when it does not close; what was recorded before is kept in `out` and in the error's `run`.
     """
     return simulate_setup(build_setup(case), out, progress)
 
@@ -70,8 +71,11 @@ def simulate_setup(
         recorder.complete = True
     finally:
         run = recorder.run()
+        problem = close_books(run)
         if out is not None:
             run.save(Path(out))
+    if problem:
+        raise SimulationError(f"{setup.case.name}: {problem}", run)
     return run
 
 
