@@ -49,9 +49,19 @@ HISTORY = {
     "contacts": "number so far, with those too slow for the ledger",
     "removals": "number so far of impacts that removed material",
     "depth_sum": "m, sum of the depths so far (Eq 35), not accelerated",
-    "contact_loss": "J, kinetic energy taken by contacts so far",
+    "contact_loss": "J, kinetic energy taken by contacts so far, each by itself",
+    "simultaneous_loss": "J, what contacts of one particle at once took beyond that",
     "pad_work": "J, done by the pad on the particles so far",
     "fluid_work": "J, done by the drag on the particles so far",
+    "fluid_impulse_x": "N s, of the drag on the particles so far",
+    "fluid_impulse_y": "N s",
+    "fluid_impulse_z": "N s",
+    "surface_impulse_x": "N s, of the surface on the particles so far",
+    "surface_impulse_y": "N s",
+    "surface_impulse_z": "N s",
+    "pad_impulse_z": "N s, of the pad on the particles so far",
+    "energy_rounding": "J, bound of the round-off in the energies above",
+    "momentum_rounding": "N s, bound of the round-off in each component of the impulses",
 }
 
 

@@ -7,6 +7,9 @@ Impulses of simultaneous contacts are added.  The equations are those of `contac
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from reference import ledger as col
 from reference.compiled import formula, kernel
@@ -26,6 +29,43 @@ from reference.removal import cap
 from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, FLOW_NONE
 
 SEARCH_MARGIN = 0.25  # of the radius: how much further than R the surface is searched
+
+
+class Work(NamedTuple):
+    """Arrays that a step fills, for N particles."""
+
+    impulse: np.ndarray  # (N, 3), of all contacts, N s
+    blows: np.ndarray  # (N,), sum of the magnitudes of the contacts' impulses, N s
+    gained: np.ndarray  # (N,), mass picked up, kg
+    simultaneous: np.ndarray  # (N,), energy lost beyond what each contact would take by itself, J
+    drag: np.ndarray  # (N, 3), impulse of the fluid, N s
+    velocity: np.ndarray  # (N, 3), at the end of the step, m/s
+    trial: np.ndarray  # (N, 3), r^k of the paper's iteration, not wrapped, m
+    clearance: np.ndarray  # (N,), travel until the surface can be touched, m
+
+
+@kernel
+def empty_work(n):
+    """The arrays of a step for `n` particles, all zero."""
+    return Work(
+        np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((n, 3)), np.zeros(n),
+    )  # fmt: skip
+
+
+@formula
+def simultaneous_loss(mass, gained, product, energy):
+    """Energy that a contact takes beyond its own loss because its particle is struck by others too, in J.
+
+    A particle that receives J and picks up g at rest loses L(J, g) = m v^2/2 - (m v + J)^2/(2 (m + g)).  With
+    A and G of the contacts booked before, L(A + J, G + g) - L(A, G) - L(J, g) is this, as long as no two of
+    them bring mass: `gained` is G + g (kg), `product` A.J, and `energy` what the contacts without mass (A when
+    J brings it, J when A has) would give by themselves, A.v + A^2/(2 m) or J.v + J^2/(2 m).
+
+    >>> simultaneous_loss(2.0, 0.0, 4.0, 0.0)
+    -2.0
+    """
+    return (gained * energy - product) / (mass + gained)
 
 
 @formula
@@ -55,11 +95,12 @@ def drag_on_particle(model, pad_height, p, i):
 
 
 @kernel
-def collide_pairs(model, dt, time, pad_height, pairs, p, impulse, rows, row):
-    """Add the impulses of all colliding pairs to `impulse` (N, 3); return the next free ledger row.
+def collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row):
+    """Add the impulses of all colliding pairs to `work`; return the next free ledger row.
 
     Paper: Eqs. (9), (12)-(19); contact where |r_ij| < (d_i + d_j)/2 and v_in > v_jn.  `p` are the Particles.
     """
+    impulse, blows, simultaneous = work.impulse, work.blows, work.simultaneous
     for pair in range(pairs.shape[0]):
         i, j = pairs[pair, 0], pairs[pair, 1]
         dx = minimum_image(p.position[j, 0] - p.position[i, 0], model.length_x)
@@ -99,7 +140,15 @@ def collide_pairs(model, dt, time, pad_height, pairs, p, impulse, rows, row):
             m_i, m_j, slip, normal, model.static_friction, model.dynamic_friction
         )
         fx, fy, fz = factor * wx, factor * wy, factor * wz
-        for axis, on_i in enumerate((fx - normal * nx, fy - normal * ny, fz - normal * nz)):  # Eq 19
+        jx, jy, jz = fx - normal * nx, fy - normal * ny, fz - normal * nz  # Eq 19
+        product_i = impulse[i, 0] * jx + impulse[i, 1] * jy + impulse[i, 2] * jz
+        product_j = -(impulse[j, 0] * jx + impulse[j, 1] * jy + impulse[j, 2] * jz)
+        simultaneous[i] += simultaneous_loss(m_i, 0.0, product_i, 0.0)
+        simultaneous[j] += simultaneous_loss(m_j, 0.0, product_j, 0.0)
+        size = abs(jx) + abs(jy) + abs(jz)
+        blows[i] += size
+        blows[j] += size
+        for axis, on_i in enumerate((jx, jy, jz)):
             impulse[i, axis] += on_i
             impulse[j, axis] -= on_i
         friction = factor * slip
@@ -147,8 +196,8 @@ def record_surface_impact(model, pad_height, time, i, hit, position, velocity, m
 
 
 @kernel
-def collide_surface(model, dt, time, pad_height, p, heights, clearance, impulse, gained, rows, row):
-    """Add the impulses of the surface to `impulse`, and the mass picked up to `gained` (N,).
+def collide_surface(model, dt, time, pad_height, p, heights, clearance, rows, row):
+    """Fill a ledger row for each impact on the surface; return the next free one.
 
     Paper: Eqs. (29)-(31); contact where the surface is nearer than R or the centre below it, and v.n < 0.
     The material itself is taken off by `commit_removal`, once the step is accepted.  `clearance` (N,) is how
@@ -177,10 +226,6 @@ def collide_surface(model, dt, time, pad_height, p, heights, clearance, impulse,
         ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
         normal = surface_normal_impulse(p.mass[i], v_n, model.restitution, ext)
         picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
-        impulse[i, 0] += normal * nx
-        impulse[i, 1] += normal * ny
-        impulse[i, 2] += normal * nz
-        gained[i] += picked_up
         out[col.NORMAL_IMPULSE], out[col.CONTACT_TIME] = normal, min(out[col.DURATION], dt)
         out[col.ENERGY_LOST] = impact_energy_lost(p.mass[i], picked_up, v, v_n, normal)
         row += 1
@@ -196,8 +241,8 @@ def impact_energy_lost(mass, gained, velocity, v_n, normal_impulse):
 
 
 @kernel
-def collide_pad(model, time, pad_height, p, impulse, rows, row):
-    """Add the impulses of the descending pad, a frictionless plane at `pad_height`, to `impulse`.
+def collide_pad(model, time, pad_height, p, rows, row):
+    """Fill a ledger row for each impact on the descending pad, a frictionless plane at `pad_height`.
 
     Paper: Section 4 leaves the pad's contact open; here J = (1+e_pad) m (v_z + V_z), downwards.
     """
@@ -207,7 +252,6 @@ def collide_pad(model, time, pad_height, p, impulse, rows, row):
         if x[2] + 0.5 * p.diameter[i] <= pad_height or approach <= 0.0:
             continue
         normal = surface_normal_impulse(p.mass[i], -approach, model.pad_restitution)
-        impulse[i, 2] -= normal
         out = rows[row]
         out[:] = 0.0
         out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
@@ -216,6 +260,28 @@ def collide_pad(model, time, pad_height, p, impulse, rows, row):
         out[col.ENERGY_LOST] = impact_energy_lost(p.mass[i], 0.0, v, -v[2], normal)
         row += 1
     return row
+
+
+@kernel
+def deliver(model, p, work, rows, first, last):
+    """Add impulses and masses of the impacts on surface and pad, ledger rows first ... last - 1, to `work`."""
+    impulse, velocity = work.impulse, p.velocity
+    for row in range(first, last):
+        i, normal, mass = int(rows[row, col.I]), rows[row, col.NORMAL_IMPULSE], p.mass[int(rows[row, col.I])]
+        jx, jy, jz = normal * rows[row, col.NX], normal * rows[row, col.NY], normal * rows[row, col.NZ]
+        ax, ay, az = impulse[i, 0], impulse[i, 1], impulse[i, 2]
+        energy = -rows[row, col.ENERGY_LOST]
+        if rows[row, col.KIND] == col.KIND_SURFACE:
+            energy = ax * velocity[i, 0] + ay * velocity[i, 1] + az * velocity[i, 2]
+            energy += 0.5 * (ax * ax + ay * ay + az * az) / mass
+            if model.mass_pickup:
+                work.gained[i] += rows[row, col.REMOVED_MASS]
+        product = ax * jx + ay * jy + az * jz
+        work.simultaneous[i] += simultaneous_loss(mass, work.gained[i], product, energy)
+        work.blows[i] += abs(jx) + abs(jy) + abs(jz)
+        impulse[i, 0] = ax + jx
+        impulse[i, 1] = ay + jy
+        impulse[i, 2] = az + jz
 
 
 @formula

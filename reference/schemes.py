@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from reference.collisions import collide_pad, collide_pairs, collide_surface
+from reference.collisions import Work, collide_pad, collide_pairs, collide_surface, deliver
 from reference.compiled import formula, kernel
 from reference.drag import drag_factor, fluid_velocity
 from reference.state import FLOW_NONE, Particles
@@ -32,16 +30,6 @@ class Numerics(NamedTuple):
     ledger_speed: float  # slower contacts that remove nothing are counted, but not kept in the ledger, m/s
 
 
-class Work(NamedTuple):
-    """Arrays that a step fills, for N particles."""
-
-    impulse: np.ndarray  # (N, 3), of all contacts, N s
-    gained: np.ndarray  # (N,), mass picked up, kg
-    velocity: np.ndarray  # (N, 3), at the end of the step, m/s
-    trial: np.ndarray  # (N, 3), r^k of the paper's iteration, not wrapped, m
-    clearance: np.ndarray  # (N,), travel until the surface can be touched, m
-
-
 @kernel
 def drag_of(model, pad_height, z, vx, vy, vz, diameter):
     """Drag factor k (kg/s) and fluid velocity at a trial position and velocity."""
@@ -56,23 +44,26 @@ def drag_of(model, pad_height, z, vx, vy, vz, diameter):
 def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
     """All contacts of one instant: impulses and masses gained into `work`; return the next free row."""
     work.impulse[:] = 0.0
+    work.blows[:] = 0.0
     work.gained[:] = 0.0
-    row = collide_pairs(model, dt, time, pad_height, pairs, p, work.impulse, rows, row)
+    work.simultaneous[:] = 0.0
+    row = collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row)
+    walls = row
     if model.has_surface:
-        row = collide_surface(
-            model, dt, time, pad_height, p, heights, work.clearance, work.impulse, work.gained, rows, row
-        )
+        row = collide_surface(model, dt, time, pad_height, p, heights, work.clearance, rows, row)
     if model.has_pad:
-        row = collide_pad(model, time, pad_height, p, work.impulse, rows, row)
+        row = collide_pad(model, time, pad_height, p, rows, row)
+    deliver(model, p, work, rows, walls, row)
     return row
 
 
 @kernel
 def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
-    """Velocities at the end of the step, into `work`; return the first particle not solved, or -1.
+    """Velocities and the drag's impulses into `work`; return the first particle not solved, or -1.
 
     Paper: Eqs. (37)-(39) in momentum form, (m+dm) v' = m v + J + dt k (u - v'), solved for v' with k and u
     iterated.  Written as an increment: a particle that moves with the fluid keeps its velocity to the bit.
+    The impulse dt k (u - v') is that of the last k and u, with v' eliminated, so that it does not cancel.
     """
     for i in range(p.position.shape[0]):
         vx, vy, vz = p.velocity[i]
@@ -81,7 +72,8 @@ def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
         solved = False
         for _ in range(MOST_DRAG_ITERATIONS):
             k, ux, uy, uz = drag_of(model, pad_height, p.position[i, 2] + dt * wz, wx, wy, wz, p.diameter[i])
-            inertia = p.mass[i] + gained + dt * k
+            mass = p.mass[i] + gained
+            inertia = mass + dt * k
             ax = vx + (impulse[0] + dt * k * (ux - vx) - gained * vx) / inertia
             ay = vy + (impulse[1] + dt * k * (uy - vy) - gained * vy) / inertia
             az = vz + (impulse[2] + dt * k * (uz - vz) - gained * vz) / inertia
@@ -91,6 +83,10 @@ def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
                 solved = True
                 break
         work.velocity[i, 0], work.velocity[i, 1], work.velocity[i, 2] = wx, wy, wz
+        part = dt * k / inertia
+        work.drag[i, 0] = part * (mass * (ux - vx) + gained * vx - impulse[0])
+        work.drag[i, 1] = part * (mass * (uy - vy) + gained * vy - impulse[1])
+        work.drag[i, 2] = part * (mass * (uz - vz) + gained * vz - impulse[2])
         if not solved:
             return i
     return -1
@@ -109,8 +105,10 @@ def iterate_fixed_point(model, dt, pad_height, p, work):
         inertia = p.mass[i] + work.gained[i]
         change, move, distance = 0.0, 0.0, 0.0
         for axis, u in enumerate((ux, uy, uz)):
-            force = work.impulse[i, axis] + dt * k * (u - v[axis])
-            velocity_k = p.velocity[i, axis] + (force - work.gained[i] * p.velocity[i, axis]) / inertia
+            drag = dt * k * (u - v[axis])
+            given = work.impulse[i, axis] + drag - work.gained[i] * p.velocity[i, axis]
+            velocity_k = p.velocity[i, axis] + given / inertia
+            work.drag[i, axis] = drag
             r = p.position[i, axis] + dt * velocity_k
             change += (r - work.trial[i, axis]) ** 2
             move += (r - p.position[i, axis]) ** 2

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from reference.balances import close_books
 from reference.case import Case
 from reference.checkpoint import Checkpoint, Saved, finished_run
 from reference.heightfield import Heightfield
@@ -73,8 +74,8 @@ def simulate(
     goes on from the last checkpoint in `out`, to the same arrays, and returns a run that is complete
     already; `checkpoint_interval`, wall-clock time between two checkpoints, s.
     Raises CaseError for a case that cannot be set up and for a checkpoint that is not this run's, and
-    SimulationError, naming particle and time, when the state stops being finite; what was recorded before
-    is kept in `out` and in the error's `run`.
+    SimulationError, naming particle and time, when the state stops being finite, or a balance when it does
+    not close; what was recorded is kept in `out` and in the error's `run`.
     """
     if resume and out is not None:
         finished = finished_run(Path(out), case)
@@ -115,11 +116,14 @@ def simulate_setup(
         recorder.complete = True
     finally:
         run = recorder.run()
+        problem = close_books(run)
         if out is not None:
             run.provenance["timing"] = timing(
                 recorder.wall_time, run.provenance["steps"], len(run.diameters), recorder.sessions
             )
             run.save(Path(out))
+    if problem:
+        raise SimulationError(f"{setup.case.name}: {problem}", run)
     if checkpoint is not None:
         checkpoint.remove()
     if progress is not None:

@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.collisions import commit_removal
+from reference.collisions import commit_removal, empty_work
 from reference.compiled import formula, kernel
 from reference.neighbors import neighbor_pairs
-from reference.schemes import Work, collide, solve_fixed_point, solve_point_implicit
-from reference.state import FLOW_NONE
+from reference.schemes import collide, solve_fixed_point, solve_point_implicit
 
 DONE, LEDGER_FULL, NOT_FINITE, NOT_CONVERGED, STEP_VANISHED = range(5)
 
@@ -37,17 +36,30 @@ class Progress(NamedTuple):
     steps: int = 5  # accepted steps
     rejected: int = 6
     culprit: int = 7  # particle that a status is about
+    # from here on sums over the accepted steps
     contacts: int = 8
     removals: int = 9
     removed_volume: int = 10  # sum of caps, m3
     removed_mass: int = 11  # kg
     depth_sum: int = 12  # of delta h, m
-    contact_loss: int = 13  # kinetic energy taken by contacts, J
-    pad_work: int = 14  # done by the pad on the particles, J; part of contact_loss with the other sign
-    fluid_work: int = 15  # done by the drag on the particles, J
+    contact_loss: int = 13  # kinetic energy that the contacts would take, each by itself, J
+    simultaneous_loss: int = 14  # what they take beyond that, because impulses are added, J
+    pad_work: int = 15  # done by the pad on the particles, J; part of contact_loss with the other sign
+    fluid_work: int = 16  # done by the drag on the particles, J
+    fluid_impulse_x: int = 17  # of the drag on the particles, N s
+    fluid_impulse_y: int = 18
+    fluid_impulse_z: int = 19
+    surface_impulse_x: int = 20  # of the surface on the particles, N s
+    surface_impulse_y: int = 21
+    surface_impulse_z: int = 22
+    pad_impulse_z: int = 23  # of the pad on the particles, N s; without friction it has no other component
+    energy_rounding: int = 24  # bound of the round-off in the energies above, J
+    momentum_rounding: int = 25  # and in each component of the impulses, N s
 
 
 P = Progress()
+EPS = float(np.finfo(np.float64).eps)
+ROUNDINGS = 64  # of one particle in one step, in eps: see `accept`
 
 
 @formula
@@ -85,51 +97,108 @@ def wildest(velocity):
 
 
 @kernel
-def accept(model, dt, p, work):
-    """Move all particles to the end of the step; return (the longest way of any, m; work of the fluid, J).
-
-    The work is that on the momentum after the contacts, so that it and the contacts' losses make up the
-    change of kinetic energy, exactly where a particle has one contact at a time.
-    """
-    longest, fluid_work = 0.0, 0.0
-    for i in range(p.position.shape[0]):
-        square, gained = 0.0, p.mass[i] + work.gained[i]
-        for axis, period in enumerate((model.length_x, model.length_y, model.length_z)):
-            after = work.velocity[i, axis]
-            struck = (p.mass[i] * p.velocity[i, axis] + work.impulse[i, axis]) / gained
-            fluid_work += 0.5 * gained * (after - struck) * (after + struck)
-            move = dt * after
-            square += move * move
-            p.velocity[i, axis] = after
-            p.position[i, axis] = wrap(p.position[i, axis] + move, period)
-        way = math.sqrt(square)
-        longest = max(longest, way)
-        work.clearance[i] -= way
-        p.mass[i] = gained
-    return longest, fluid_work
+def size_of(progress, first, last):
+    """Sum of the magnitudes of the scalars `first` to `last`."""
+    size = 0.0
+    for k in range(first, last + 1):
+        size += abs(progress[k])
+    return size
 
 
 @kernel
-def account(model, numerics, progress, dt, rows, first, last):
-    """Add the contacts of an accepted step to the sums, keep those worth a row; return their end."""
-    kept = first
+def momentum_and_energy(p):
+    """Sums of m |v| (N s) and of m v^2 (J), the sizes from which round-off is bounded."""
+    momentum, energy = 0.0, 0.0
+    for i in range(p.mass.shape[0]):
+        square = p.velocity[i, 0] ** 2 + p.velocity[i, 1] ** 2 + p.velocity[i, 2] ** 2
+        momentum += p.mass[i] * math.sqrt(square)
+        energy += p.mass[i] * square
+    return momentum, energy
+
+
+@kernel
+def accept(model, dt, p, work, booked):
+    """Move all particles to the end of the step and book the fluid's part.
+
+    The fluid gives its impulse D to a particle that contacts have brought to the velocity s, and leaves it
+    with v': it does the work D.(s + v')/2, which is M (v'^2 - s^2)/2, exactly.
+    Returns: the longest way of any (m), and the sizes of the numbers of the step that are rounded, sums of
+    M |v'| and of M v'^2, and what contacts add to both.
+    """
+    longest, work_done, fluid_x, fluid_y, fluid_z, simultaneous = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    momentum, energy, blows, violence = 0.0, 0.0, 0.0, 0.0
+    for i in range(p.position.shape[0]):
+        mass = p.mass[i] + work.gained[i]
+        sx, sy, sz = p.velocity[i, 0], p.velocity[i, 1], p.velocity[i, 2]
+        vx, vy, vz = work.velocity[i, 0], work.velocity[i, 1], work.velocity[i, 2]
+        dx, dy, dz = work.drag[i, 0], work.drag[i, 1], work.drag[i, 2]
+        square = vx * vx + vy * vy + vz * vz
+        if work.blows[i] > 0.0:
+            sx += (work.impulse[i, 0] - work.gained[i] * sx) / mass
+            sy += (work.impulse[i, 1] - work.gained[i] * sy) / mass
+            sz += (work.impulse[i, 2] - work.gained[i] * sz) / mass
+            simultaneous += work.simultaneous[i]
+            blows += work.blows[i]
+            violence += (work.blows[i] ** 2 + work.gained[i] * (mass + p.mass[i]) * square) / p.mass[i]
+            p.mass[i] = mass
+        work_done += 0.5 * (dx * (sx + vx) + dy * (sy + vy) + dz * (sz + vz))
+        fluid_x, fluid_y, fluid_z = fluid_x + dx, fluid_y + dy, fluid_z + dz
+        p.velocity[i, 0], p.velocity[i, 1], p.velocity[i, 2] = vx, vy, vz
+        p.position[i, 0] = wrap(p.position[i, 0] + dt * vx, model.length_x)
+        p.position[i, 1] = wrap(p.position[i, 1] + dt * vy, model.length_y)
+        p.position[i, 2] = wrap(p.position[i, 2] + dt * vz, model.length_z)
+        speed = math.sqrt(square)
+        momentum, energy = momentum + mass * speed, energy + mass * square
+        longest = max(longest, dt * speed)
+        work.clearance[i] -= dt * speed
+    booked[P.fluid_work], booked[P.simultaneous_loss] = work_done, simultaneous
+    booked[P.fluid_impulse_x], booked[P.fluid_impulse_y], booked[P.fluid_impulse_z] = fluid_x, fluid_y, fluid_z
+    return longest, momentum, energy, blows, violence
+
+
+@kernel
+def account(model, numerics, progress, dt, rows, first, last, booked):
+    """Book the contacts of an accepted step, keep those worth a row in the ledger; return their end."""
+    kept, loss, pad, surface_x, surface_y, surface_z = first, 0.0, 0.0, 0.0, 0.0, 0.0
     for row in range(first, last):
         out = rows[row]
-        progress[P.contacts] += 1
         if out[col.APPROACH_SPEED] > SLOWEST:
             progress[P.largest_ratio] = max(progress[P.largest_ratio], out[col.DURATION] / dt)
-        progress[P.contact_loss] += out[col.ENERGY_LOST]
+        loss += out[col.ENERGY_LOST]
         if out[col.KIND] == col.KIND_PAD:
-            progress[P.pad_work] += out[col.NORMAL_IMPULSE] * model.pad_descent
+            pad += out[col.NORMAL_IMPULSE]
+        elif out[col.KIND] == col.KIND_SURFACE:
+            surface_x += out[col.NORMAL_IMPULSE] * out[col.NX]
+            surface_y += out[col.NORMAL_IMPULSE] * out[col.NY]
+            surface_z += out[col.NORMAL_IMPULSE] * out[col.NZ]
         if out[col.REMOVED_VOLUME] > 0.0:
-            progress[P.removals] += 1
-            progress[P.removed_volume] += out[col.REMOVED_VOLUME]
-            progress[P.removed_mass] += out[col.REMOVED_MASS]
-            progress[P.depth_sum] += out[col.DEPTH]
+            booked[P.removals] += 1
+            booked[P.removed_volume] += out[col.REMOVED_VOLUME]
+            booked[P.removed_mass] += out[col.REMOVED_MASS]
+            booked[P.depth_sum] += out[col.DEPTH]
         if out[col.APPROACH_SPEED] >= numerics.ledger_speed or out[col.REMOVED_VOLUME] > 0.0:
             rows[kept] = out
             kept += 1
+    booked[P.contacts], booked[P.contact_loss] = last - first, loss
+    booked[P.pad_impulse_z], booked[P.pad_work] = -pad, pad * model.pad_descent
+    booked[P.surface_impulse_x], booked[P.surface_impulse_y] = surface_x, surface_y
+    booked[P.surface_impulse_z] = surface_z
     return kept
+
+
+@kernel
+def add(progress, booked, lost):
+    """Add the sums of a step to those of the run, compensated (Kahan); `booked` is emptied.
+
+    Without it 1e8 additions to one number would be off by up to 1e8 u.  `lost` is what the last additions
+    have rounded off.
+    """
+    for k in range(P.contacts, progress.shape[0]):
+        term = booked[k] - lost[k]
+        total = progress[k] + term
+        lost[k] = (total - progress[k]) - term
+        progress[k] = total
+        booked[k] = 0.0
 
 
 @kernel
@@ -141,7 +210,11 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """
     n = p.position.shape[0]
     periods = np.array([model.length_x, model.length_y, model.length_z])
-    work = Work(np.zeros((n, 3)), np.zeros(n), p.velocity.copy(), p.position.copy(), np.zeros(n))
+    work, booked, lost = empty_work(n), np.zeros(progress.shape[0]), np.zeros(progress.shape[0])
+    momentum_before, energy_before = momentum_and_energy(p)
+    # what the call before had rounded off is lost
+    progress[P.energy_rounding] += EPS * size_of(progress, P.contact_loss, P.fluid_work)
+    progress[P.momentum_rounding] += EPS * size_of(progress, P.fluid_impulse_x, P.pad_impulse_z)
     largest = p.diameter.max() if n > 0 else 0.0
     skin = SKIN * largest
     pairs = neighbor_pairs(p.position, largest + skin, periods)
@@ -190,13 +263,16 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
             progress[P.culprit] = unsolved
             return NOT_CONVERGED
 
-        way, fluid_work = accept(model, dt, p, work)
+        way, momentum, energy, blows, violence = accept(model, dt, p, work, booked)
         travelled += way
-        if model.flow != FLOW_NONE:
-            progress[P.fluid_work] += fluid_work
+        roundings = EPS * (ROUNDINGS + n + found - used)
+        booked[P.momentum_rounding] = roundings * (momentum_before + momentum + blows)
+        booked[P.energy_rounding] = 3.0 * roundings * (energy_before + energy + violence)
+        momentum_before, energy_before = momentum, energy
         if model.has_surface and commit_removal(model, heights, rows, used, found):
             highest = heights.max()
-        progress[P.rows] = account(model, numerics, progress, dt, rows, used, found)
+        progress[P.rows] = account(model, numerics, progress, dt, rows, used, found, booked)
+        add(progress, booked, lost)
         step += 1
         progress[P.steps] += 1
         progress[P.time] = time + dt if numerics.fixed_point else t_start + step * uniform

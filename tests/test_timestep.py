@@ -13,8 +13,9 @@ from rounding import close
 
 from reference import exact, state
 from reference import ledger as col
+from reference.collisions import empty_work
 from reference.neighbors import neighbor_pairs
-from reference.schemes import Numerics, Work, collide, iterate_fixed_point, step_factor
+from reference.schemes import Numerics, collide, iterate_fixed_point, step_factor
 from reference.state import DEPOSIT_NONE, DEPOSIT_VOLUME, FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Model
 from reference.timestep import DONE, MAX_SHRINK, MIN_SHRINK, STEP_VANISHED, P, advance, wrap
 
@@ -70,8 +71,9 @@ class Particles:
 
     def work(self, dt):
         """What a step fills, as the paper's iteration finds it: r^0 = r + dt v."""
-        n, trial = len(self.mass), self.position + dt * self.velocity
-        return Work(np.zeros((n, 3)), np.zeros(n), self.velocity.copy(), trial, np.zeros(n))
+        work = empty_work(len(self.mass))
+        work.velocity[:], work.trial[:] = self.velocity, self.position + dt * self.velocity
+        return work
 
     @property
     def contacts(self):

@@ -1,0 +1,220 @@
+"""What a run conserves: momentum, energy, mass and volume, each closed to a bound on round-off.
+
+Both sides of a balance are computed independently: one from the state, the other from what `timestep.py` has
+booked of single contacts and of the drag.  The bounds of energy and momentum are running sums, derived at
+`ROUNDINGS` there; the others are derived here.  Discretisation is no part of it: the sums are those of the
+discrete scheme, and that they converge to the integrals over time is shown in tests.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from reference.recording import SUMS, Run
+
+EPS = float(np.finfo(float).eps)
+SIMULTANEOUS_SHARE = 0.01  # of the energy that contacts dissipate, from which on a run says so
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What one balance is short of, in SI."""
+
+    name: str
+    equation: str  # what has to vanish
+    residual: float
+    bound: float  # of its round-off
+    unit: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the residual is round-off; one that is not a number is not."""
+        return abs(self.residual) <= self.bound
+
+
+def balances(run: Run) -> list[Balance]:
+    """The balances of a run between its first and its last record.
+
+    They are energy and momentum_x, y, z; mass; removed_mass and volume where there is a removable surface.
+    Runs of other engines do not record what they need: there the list is empty.
+    """
+    if not set(SUMS) <= set(run.history.columns) or run.history.empty:
+        return []
+    first, last = run.history.iloc[0], run.history.iloc[-1]
+    found = [_energy(run, first, last), *(_momentum(run, first, last, axis) for axis in "xyz"), _mass(run, last)]
+    if run.case.removal is not None and run.surface is not None and run.surface_initial is not None:
+        found += [_removed_mass(run, last), _volume(run, last)]
+    return found
+
+
+def violation(run: Run) -> str:
+    """One line that names a balance that does not hold, its residual and its bound; empty if all hold."""
+    for balance in balances(run):
+        if not balance.holds:
+            return (
+                f"the balance of {balance.name} is off by {balance.residual:.3g} {balance.unit}, more than "
+                f"its round-off of {balance.bound:.3g} {balance.unit}: {balance.equation} is not 0"
+            )
+    return ""
+
+
+def close_books(run: Run) -> str:
+    """Record balances and remarks on them in the run's provenance; return the violation, if any.
+
+    A run that violates a balance is marked as not complete; one that was cut short is left as it is.
+    """
+    if not run.provenance["complete"]:
+        return ""
+    run.provenance["balances"] = {
+        balance.name: {"residual": balance.residual, "bound": balance.bound, "unit": balance.unit}
+        for balance in balances(run)
+    }
+    problem = violation(run)
+    remarks = [*_remarks(run), *([problem] if problem else [])]
+    run.provenance["notes"] = [*run.provenance.get("notes", []), *remarks]
+    if problem:
+        run.provenance["complete"] = False
+    return problem
+
+
+def simultaneous_share(run: Run) -> float:
+    """Part of the energy dissipated in contacts that depends on how simultaneous ones are joined.
+
+    Impulses of simultaneous contacts are added; each by itself would dissipate contact_loss + pad_work.
+    """
+    last = run.history.iloc[-1]
+    joined = float(last["simultaneous_loss"])
+    dissipated = float(last["contact_loss"] + last["pad_work"]) + joined
+    return abs(joined) / dissipated if dissipated > 0.0 else 0.0
+
+
+def lowered_over_removed(run: Run) -> float:
+    """Volume by which the surface fell over that of the removed caps times A; not a number without any.
+
+    1 with deposit `volume`; with `node_depth` nodes fall by the depth of the cap, whatever its volume.
+    """
+    assert run.case.removal is not None
+    caps = run.case.removal.acceleration * float(run.history["removed_volume"].iloc[-1])
+    return _volume_lost(run) / caps if caps > 0.0 else math.nan
+
+
+def _remarks(run: Run) -> list[str]:
+    """What the balances tell a user about the run."""
+    if not run.provenance["balances"]:
+        return []
+    remarks, share = [], simultaneous_share(run)
+    if share > SIMULTANEOUS_SHARE:
+        remarks.append(
+            f"{share:.1%} of the energy dissipated in contacts is of particles with several contacts at once, "
+            "whose outcome is not unique: their impulses are added"
+        )
+    node_depth = run.case.removal is not None and run.case.removal.deposit == "node_depth"
+    if node_depth and math.isfinite(lowered_over_removed(run)):
+        remarks.append(
+            f"deposit node_depth lowers the surface by {lowered_over_removed(run):.3g} times the volume of the "
+            "removed caps; the mass picked up is that of the caps"
+        )
+    return remarks
+
+
+def _energy(run: Run, first: pd.Series, last: pd.Series) -> Balance:
+    change = last["kinetic_energy"] - first["kinetic_energy"]
+    lost = last["contact_loss"] + last["simultaneous_loss"]
+    sizes = last["kinetic_energy"] + first["kinetic_energy"] + abs(lost) + abs(last["fluid_work"])
+    return Balance(
+        "energy",
+        "change of kinetic_energy - fluid_work + contact_loss + simultaneous_loss",
+        float(change - last["fluid_work"] + lost),
+        float(last["energy_rounding"] + _record_rounding(run) * sizes),
+        "J",
+    )
+
+
+def _momentum(run: Run, first: pd.Series, last: pd.Series, axis: str) -> Balance:
+    sources = [f"fluid_impulse_{axis}", f"surface_impulse_{axis}", *(["pad_impulse_z"] if axis == "z" else [])]
+    change = last[f"momentum_{axis}"] - first[f"momentum_{axis}"]
+    sizes = float((run.masses[[0, -1], :] * np.abs(run.velocities[[0, -1]][..., "xyz".index(axis)])).sum())
+    sizes += float(sum(abs(last[name]) for name in sources))
+    return Balance(
+        f"momentum_{axis}",
+        " - ".join([f"change of momentum_{axis}", *sources]),
+        float(change - sum(last[name] for name in sources)),
+        float(last["momentum_rounding"] + _record_rounding(run) * sizes),
+        "N s",
+    )
+
+
+def _record_rounding(run: Run) -> float:
+    """Relative round-off of a row of the history: N terms of up to five operations are added, then five sums."""
+    return EPS * (run.masses.shape[1] + 10)
+
+
+def _mass(run: Run, last: pd.Series) -> Balance:
+    """Each of the removals rounds one mass by u m; the two sums and their difference round by (N + 2) eps."""
+    picked_up = float(last["removed_mass"]) if _carries(run) else 0.0
+    gained = math.fsum(run.masses[-1]) - math.fsum(run.masses[0])
+    heaviest, total = float(run.masses[-1].max(initial=0.0)), float(run.masses[-1].sum())
+    return Balance(
+        "mass",
+        "change of the particles' mass - removed_mass" if _carries(run) else "change of the particles' mass",
+        gained - picked_up,
+        EPS * (float(last["removals"]) * heaviest + 4.0 * total) if picked_up > 0.0 else 0.0,
+        "kg",
+    )
+
+
+def _carries(run: Run) -> bool:
+    return run.case.removal is not None and run.case.removal.mass_pickup
+
+
+def _removed_mass(run: Run, last: pd.Series) -> Balance:
+    """Each mass is a volume times the density, rounded once; both sums are compensated."""
+    assert run.case.surface.material is not None
+    density = run.case.material[run.case.surface.material].density
+    mass = float(last["removed_mass"])
+    return Balance(
+        "removed_mass",
+        "removed_mass - density removed_volume",
+        mass - density * float(last["removed_volume"]),
+        8.0 * EPS * mass,
+        "kg",
+    )
+
+
+def _volume_lost(run: Run) -> float:
+    """By how much the integral of z has fallen, in m3.
+
+    A node's share of the area is h^2 everywhere: a third of the six triangles of h^2/2 that meet in it.
+    """
+    assert run.surface is not None
+    assert run.surface_initial is not None
+    return run.surface.spacing**2 * math.fsum((run.surface_initial.z - run.surface.z).ravel())
+
+
+def _volume(run: Run, last: pd.Series) -> Balance:
+    """The surface against the sum of what impacts took off it; nothing else moves a node, and no floor stops it.
+
+    Each lowering rounds a height by u z, three of them with deposit `volume`, one with `node_depth`; no height
+    exceeds z_max before or after, as nodes only fall.  The amount of one removal is rounded some ten times,
+    shared out with weights whose sum is off by 3 u; sums and differences round by as much again.
+    """
+    assert run.case.removal is not None
+    assert run.surface is not None
+    assert run.surface_initial is not None
+    removal, area = run.case.removal, run.surface.spacing**2
+    by_volume = removal.deposit == "volume"
+    amount = float(last["removed_volume"]) if by_volume else area * float(last["depth_sum"])
+    lost, taken = _volume_lost(run), removal.acceleration * amount
+    highest = max(float(np.abs(surface.z).max()) for surface in (run.surface_initial, run.surface))
+    lowerings = (3.0 if by_volume else 1.0) * float(last["removals"])
+    return Balance(
+        "volume",
+        "volume lost by the surface - A removed_volume" if by_volume else "volume lost - A h^2 depth_sum",
+        lost - taken,
+        EPS * (lowerings * area * highest + 16.0 * taken),
+        "m3",
+    )
