@@ -23,7 +23,7 @@ from cmpcheck.ensembles import compare_ensembles
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
-from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
@@ -60,6 +60,7 @@ class Outcome:
     comparisons: list[Comparison] = field(default_factory=list)
     convergences: list[Convergence] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
+    ensembles: list[Ensemble] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -135,6 +136,7 @@ def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
         traces=[trace for outcome in outcomes for trace in outcome.traces],
         notes=list(dict.fromkeys(note for outcome in outcomes for note in outcome.notes)),
         seconds=sum(outcome.seconds for outcome in outcomes),
+        ensembles=[record for outcome in outcomes for record in outcome.ensembles],
     )
 
 
@@ -240,12 +242,14 @@ def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
             continue
         engines = make_engine("reference"), make_engine(name, task.decks)
         try:
-            rows, traces = compare_ensembles(case, engines, task.profile)
+            rows, ensemble = compare_ensembles(
+                case, engines, task.profile, folder=task.folder / case.name / case.variant
+            )
         except Exception as problem:  # whatever an engine does, the other comparisons go on
             outcome.comparisons.append(_failed(task, name, str(problem)))
             continue
         outcome.comparisons += rows
-        outcome.traces += traces
+        outcome.ensembles.append(ensemble)
 
 
 def _keep(task: Task, study: Study) -> None:
