@@ -32,7 +32,7 @@ def curve_caption(curve: EnsembleCurve, ensemble: Ensemble) -> str:
     rule = curve.margin_rule if curve.unit == "1" and "absolute" in curve.margin_rule else ""
     return (
         f"{words(curve.quantity).capitalize()}, mean of {ensemble.pairs} samples; below, "
-        f"{ensemble.engine} minus reference in pairs with its 90 % band, and the margin of ±"
+        f"{ensemble.engine} minus reference in pairs with its 90 % band (Student's t), and the margin of ±"
         + (rule or f"{size} ({curve.margin_rule})")
     )
 
@@ -86,12 +86,12 @@ def ledger_table(ledger: LedgerMatch, engine: str) -> TextTable:
     ]
     caption = (
         "Contact ledgers of sample 0. Two impacts are the same if kind and particles are, and each is the "
-        f"nearest to the other within {quantity_text(ledger.window, 's', digits=3)}: a step of each engine, a "
-        "soft contact and a tenth of the drag time tau. They part at the first impact that one engine lacks, "
-        f"or that differs by more than the {ledger.explained:.2g} m/s that late contacts explain. Neighbours: "
-        "centres within 1.1 (R_i + R_j). Something else touches: within "
-        f"{quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles while this contact "
-        "may last."
+        f"nearest to the other within {quantity_text(ledger.window, 's', digits=3)}: a step of each engine, "
+        "a soft contact and a tenth of the drag time tau. They part at the first impact that one engine "
+        f"lacks, or that differs by more than the {ledger.explained:.2g} m/s that late contacts explain. "
+        "Neighbours: centres within 1.1 (R_i + R_j). Something else touches: within "
+        f"{quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles within a step of "
+        "each engine and a soft contact."
     )
     return TextTable(caption, ["impacts with", *(_WITH[k.kind] for k in ledger.kinds)], rows)
 
@@ -99,47 +99,46 @@ def ledger_table(ledger: LedgerMatch, engine: str) -> TextTable:
 def ledger_sentences(ensemble: Ensemble) -> list[str]:
     """The first impact at which the engines part, and the first of those that remove material."""
     assert ensemble.ledger is not None
-    kinds = {k.kind: k for k in ensemble.ledger.kinds}
-    parted = sorted((k.parting.time, k.kind) for k in kinds.values() if k.parting is not None)
+    parted = sorted(
+        ((k.parting.time, k, k.parting) for k in ensemble.ledger.kinds if k.parting is not None),
+        key=lambda entry: entry[0],
+    )
     if not parted:
         return ["Started from the same arrays, the two engines never part."]
-    texts = [
-        f"Started from the same arrays, the engines first part at {_told(kinds[parted[0][1]], ensemble)}"
+    _, first, impact = parted[0]
+    texts = [f"Started from the same arrays, the engines part at {_told(first, impact, ensemble.engine)}."]
+    texts += [
+        f"On the surface {match.before} impacts agree before the first that does not, "
+        f"{_told(match, surface, ensemble.engine)}."
+        for _, match, surface in parted[1:]
+        if match.kind == "surface"
     ]
-    surface = kinds["surface"]
-    if parted[0][1] != "surface" and surface.parting is not None:
-        texts.append(
-            f"The first impact on the surface to part, after {surface.before} that agree, is "
-            f"{_told(surface, ensemble)}"
-        )
-    if any(k.parting is not None and k.parting.crowded for k in kinds.values()):
+    if any(p.crowded for _, _, p in parted):
         texts.append(
             "Impacts at the same time have no unique outcome: the reference takes them one after the other, "
-            f"and {ensemble.engine} has one long contact, recorded with the speed at which it began."
+            f"{ensemble.engine} has one long contact, recorded with the speed at which it began."
         )
-    return [*texts, "This is no verdict: trajectories of a chaotic process part, its means need not."]
+    return [*texts, "No verdict hangs on this: single trajectories part, means need not."]
+
+
+def _told(match: KindMatch, p: PartingImpact, engine: str) -> str:
+    ours, theirs = p.reference_speed, p.measured_speed
+    if math.isnan(theirs):
+        how = f"at {_speed(ours)} m/s in the reference and missing in {engine}"
+    elif math.isnan(ours):
+        how = f"at {_speed(theirs)} m/s in {engine} and missing in the reference"
+    else:
+        how = f"at {_speed(ours)} m/s in the reference and {_speed(theirs)} m/s in {engine}"
+    what = {
+        "pair": f"the contact of particles {p.particle} and {p.partner}",
+        "surface": f"the impact of particle {p.particle} on the surface",
+        "pad": f"the contact of particle {p.particle} with the pad",
+    }[match.kind]
+    crowd = ", while something else touches" if p.crowded else ""
+    return f"{what} {quantity_text(p.time, 's', digits=4)} after the start{crowd}: {how}"
 
 
 _WITH = {"surface": "surface", "pair": "each other", "pad": "pad"}
-
-
-def _told(match: KindMatch, ensemble: Ensemble) -> str:
-    p = match.parting
-    assert p is not None
-    ours, theirs = p.reference_speed, p.measured_speed
-    if math.isnan(theirs):
-        how = f"approaching at {_speed(ours)} m/s in the reference, missing in {ensemble.engine}"
-    elif math.isnan(ours):
-        how = f"approaching at {_speed(theirs)} m/s in {ensemble.engine}, missing in the reference"
-    else:
-        how = f"approaching at {_speed(ours)} m/s in the reference, {_speed(theirs)} m/s in {ensemble.engine}"
-    against = {"surface": "on the surface", "pad": "on the pad", "pair": ""}[match.kind]
-    while_else = "; something else touches at the same time" if p.crowded else ""
-    who = f"of particle{'s' * (p.partner >= 0)} {_particles(p)}"
-    return (
-        f"{quantity_text(p.time, 's', digits=4)}, an impact {who} {against}".rstrip()
-        + f", {how}{while_else}."
-    )
 
 
 def _of(match: KindMatch, text: Callable[[PartingImpact], str]) -> str:

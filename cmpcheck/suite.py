@@ -20,6 +20,7 @@ from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.ensembles import compare_ensembles
+from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
@@ -121,7 +122,13 @@ def run_suite(
     results = [
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
-    return SuiteResult(profile, infos, results, provenance.collect(loaded), time.perf_counter() - begin)
+    result = SuiteResult(profile, infos, results, provenance.collect(loaded))
+    try:
+        result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
+    except Exception as problem:  # pictures must not cost the comparisons
+        results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
+    result.seconds = time.perf_counter() - begin
+    return result
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:

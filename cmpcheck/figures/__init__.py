@@ -1,27 +1,25 @@
 """The paper's figures, redrawn from our own equations and runs, as SVG and PNG with captions.
 
 Here stands which runs are made and what is written.  What the figures show is `model.py` (Figs. 2 and 3) and
-`polishing.py` (Figs. 4 to 6); how they look, `canvas.py`.  The report's plots are `plots.py`.
+`polishing.py` (Figs. 4 to 6); how they look, `canvas.py`; how they come into a report, `report.py`.
 """
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from cmpcheck.figures.canvas import Picture, paper_style, save, small_png
+from cmpcheck.figures.canvas import Picture, paper_style, save
 from cmpcheck.figures.model import cap_picture, yield_picture
 from cmpcheck.figures.polishing import flatness_picture, snapshot_picture, surface_picture
 from cmpcheck.outputs import writable
-from cmpcheck.results import Illustration
 from reference.case import Case
 from reference.ensemble import sample_case
 from reference.recording import Run
 from reference.simulation import simulate
 
-__all__ = ["EXAMPLE", "draw_figures", "report_illustrations", "simulate_samples", "write_figures"]
+__all__ = ["EXAMPLE", "draw_figures", "simulate_samples", "write_figures"]
 
 EXAMPLE = "polish"  # the case of Figs. 4 to 6
 
@@ -54,15 +52,6 @@ def draw_figures(runs: Sequence[Run]) -> list[Picture]:
         snapshot_picture(runs[0]),
         flatness_picture(runs),
     ]
-
-
-def report_illustrations(runs: Sequence[Run]) -> list[Illustration]:
-    """Figs. 2 to 6 from runs of one case, for the page of a report."""
-    with paper_style():
-        return [
-            Illustration(picture.title, picture.caption, base64.b64encode(small_png(picture)).decode())
-            for picture in draw_figures(runs)
-        ]
 
 
 def write_figures(runs: Sequence[Run], folder: Path) -> list[Path]:
