@@ -135,7 +135,7 @@ def _told(match: KindMatch, p: PartingImpact, engine: str) -> str:
         "pad": f"the contact of particle {p.particle} with the pad",
     }[match.kind]
     crowd = ", while something else touches" if p.crowded else ""
-    return f"{what} {quantity_text(p.time, 's', digits=4)} after the start{crowd}: {how}"
+    return f"{what}, {quantity_text(p.time, 's', digits=4)} after the start{crowd}: {how}"
 
 
 _WITH = {"surface": "surface", "pair": "each other", "pad": "pad"}

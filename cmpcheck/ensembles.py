@@ -13,8 +13,8 @@ from pathlib import Path
 from cmpcheck.display import quantity_text
 from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.observables import Pairs, margins, pair_up
-from cmpcheck.parting import compare_impacts
-from cmpcheck.planning import fewest_sentence, pairs_to_run, plan
+from cmpcheck.parting import compare_impacts, drag_time
+from cmpcheck.planning import fewest_sentence, pairs_to_run, pilot_spreads, plan
 from cmpcheck.results import Comparison, Ensemble
 from cmpcheck.statistics import Equivalence, control_family, paired_difference
 from cmpcheck.study import contact_settings
@@ -79,6 +79,14 @@ def compare_ensembles(
         remarks=(_about_steps(case, name, fine, soft, first), fewest_sentence()),
     )
     return rows, ensemble
+
+
+def check_settings(case: Case, engine: str) -> None:
+    """Raise CaseError, before anything is run, for an entry of `[engine.*]` that makes no sense."""
+    resolutions(case, engine, "")
+    margins(case, engine)
+    for name in ("reference", engine):
+        pilot_spreads(case, name)
 
 
 def resolutions(case: Case, engine: str, form: str) -> tuple[Resolution, Resolution, Resolution]:
@@ -146,10 +154,17 @@ def _about_steps(case: Case, engine: str, fine: Resolution, soft: Resolution, se
     )
     if math.isclose(usual, fine.time_step):
         return f"{text}."
-    return (
-        f"{text}: both are near their limits. The {_ns(usual)} of an ordinary run of the case would add an "
-        "error of the reference's own; how much is left, the rows of the engine reference show."
+    text += (
+        f": both are near their limits. The {_ns(usual)} of an ordinary run of the case would add an error "
+        "of the reference's own; how much is left, the rows of the engine reference show."
     )
+    longest = setup.model.threshold_velocity * drag_time(setup) / (2.0 * abs(setup.model.wall_speed))
+    if longest < usual:
+        text += (
+            f" Steps above v_th tau/(2 U) = {_ns(longest)} let a particle that is pressed on the surface "
+            "remove material at every step."
+        )
+    return text
 
 
 def _ns(seconds: float) -> str:

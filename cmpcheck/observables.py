@@ -103,13 +103,15 @@ class Pairs:
 def margins(case: Case, engine: str, share: float = 1.0) -> dict[str, float]:
     """A `share` of the margins of `[engine.NAME]`, by quantity: of flatness absolute, of others relative.
 
-    Raises CaseError for an entry that is no number.
+    Raises CaseError for an entry that is no positive number.
     """
-    table = case.engine.get(engine, {})
-    flat, relative = (
-        share * case.quantity(table.get(key, default), "", f"engine.{engine}.{key}")
-        for key, default in (("margin_flatness", FLATNESS_MARGIN), ("margin_relative", RELATIVE_MARGIN))
-    )
+    table, sizes = case.engine.get(engine, {}), []
+    for key, default in (("margin_flatness", FLATNESS_MARGIN), ("margin_relative", RELATIVE_MARGIN)):
+        path = f"engine.{engine}.{key}"
+        sizes.append(share * case.quantity(table.get(key, default), "", path))
+        if not sizes[-1] > 0.0:
+            raise case.error(path, table[key], "allowed: > 0")
+    flat, relative = sizes
     return {o.quantity: relative if o.relative else flat for o in OBSERVABLES}
 
 

@@ -106,10 +106,10 @@ def explained_speed(setup: Setup, late: float) -> float:
     sphere of radius R by U late/R: U late (1/tau + U/R), with tau and R of the smallest particle.
     """
     speed = abs(setup.model.wall_speed)
-    return speed * late * (1.0 / _relaxation(setup) + speed / (0.5 * float(setup.state.diameter.min())))
+    return speed * late * (1.0 / drag_time(setup) + speed / (0.5 * float(setup.state.diameter.min())))
 
 
-def _relaxation(setup: Setup) -> float:
+def drag_time(setup: Setup) -> float:
     """Tau = m/(3 pi mu d), the shortest of all particles, s."""
     model, state = setup.model, setup.state
     return float((state.mass / (3.0 * math.pi * model.viscosity * state.diameter)).min())
@@ -128,7 +128,7 @@ def compare_impacts(
     show what is around; the resolutions of both.
     """
     late = lateness(*resolutions)
-    explained, window = explained_speed(setup, late), late + DRAG_SHARE * _relaxation(setup)
+    explained, window = explained_speed(setup, late), late + DRAG_SHARE * drag_time(setup)
     touching = abs(setup.model.wall_speed) * late
     kinds = []
     for kind in ("surface", "pair", "pad"):

@@ -10,6 +10,7 @@ import math
 
 from scipy import stats
 
+from cmpcheck.display import superscript
 from cmpcheck.observables import OBSERVABLES, TIMES, Pairs
 from cmpcheck.results import Planning
 from cmpcheck.statistics import (
@@ -38,7 +39,8 @@ def fewest_sentence() -> str:
     p = QUANTITIES * 2.0 ** (2 - n)
     return (
         f"With {n} pairs one of {QUANTITIES} quantities alone can be called different; with {n - 1} never: "
-        f"the smallest p-value of {n - 1} sign flips, 2^-{n - 2}, times {QUANTITIES} is {p:.3g}, above 0.05."
+        f"the smallest p-value of {n - 1} sign flips, 2{superscript(2 - n)}, times {QUANTITIES} is {p:.3g}, "
+        "above 0.05."
     )
 
 

@@ -19,7 +19,7 @@ from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
-from cmpcheck.ensembles import compare_ensembles
+from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
@@ -110,7 +110,7 @@ def run_suite(
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
                 if name in variant.engine:
-                    contact_settings(variant, name)
+                    (check_settings if setup.model.has_pad else contact_settings)(variant, name)
             tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
     totals = {case.name: len(case.variants()) for case in loaded}
     outcomes: dict[tuple[str, int], Outcome] = {}
