@@ -13,7 +13,7 @@ from pathlib import Path
 from cmpcheck.display import quantity_text
 from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.observables import Pairs, margins, pair_up
-from cmpcheck.parting import compare_impacts, drag_time
+from cmpcheck.parting import compare_impacts, drag_time, flow_speed
 from cmpcheck.planning import fewest_sentence, pairs_to_run, pilot_spreads, plan
 from cmpcheck.results import Comparison, Ensemble
 from cmpcheck.statistics import Equivalence, control_family, paired_difference
@@ -158,12 +158,10 @@ def _about_steps(case: Case, engine: str, fine: Resolution, soft: Resolution, se
         f": both are near their limits. The {_ns(usual)} of an ordinary run of the case would add an error "
         "of the reference's own; how much is left, the rows of the engine reference show."
     )
-    longest = setup.model.threshold_velocity * drag_time(setup) / (2.0 * abs(setup.model.wall_speed))
-    if longest < usual:
-        text += (
-            f" Steps above v_th tau/(2 U) = {_ns(longest)} let a particle that is pressed on the surface "
-            "remove material at every step."
-        )
+    threshold, speed = setup.model.threshold_velocity, 2.0 * flow_speed(setup)
+    if 0.0 < threshold < speed * usual / drag_time(setup):
+        longest = _ns(threshold * drag_time(setup) / speed)
+        text += f" Above v_th tau/(2 U) = {longest} a particle pressed on the surface wears it at every step."
     return text
 
 

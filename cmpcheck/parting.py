@@ -105,8 +105,14 @@ def explained_speed(setup: Setup, late: float) -> float:
     Meanwhile drag changes the velocity by at most U late/tau, and a motion of U late turns the normal of a
     sphere of radius R by U late/R: U late (1/tau + U/R), with tau and R of the smallest particle.
     """
-    speed = abs(setup.model.wall_speed)
+    speed = flow_speed(setup)
     return speed * late * (1.0 / drag_time(setup) + speed / (0.5 * float(setup.state.diameter.min())))
+
+
+def flow_speed(setup: Setup) -> float:
+    """U, the largest speed of the fluid or of the pad, m/s."""
+    model = setup.model
+    return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y, model.flow_z))
 
 
 def drag_time(setup: Setup) -> float:
@@ -129,33 +135,24 @@ def compare_impacts(
     """
     late = lateness(*resolutions)
     explained, window = explained_speed(setup, late), late + DRAG_SHARE * drag_time(setup)
-    touching = abs(setup.model.wall_speed) * late
-    kinds = []
-    for kind in ("surface", "pair", "pad"):
+    touching = flow_speed(setup) * late
+
+    def compare(kind: str) -> KindMatch:
         ledgers = [
             run.contacts[run.contacts["kind"] == kind].reset_index(drop=True) for run in (ours, theirs)
         ]
         matched = match_impacts(ledgers[0], ledgers[1], window)
         first, undecided = _first_to_part(ledgers, matched, setup, window, explained)
-        time = np.minimum(*(t["time"].to_numpy()[matched[:, k]] for k, t in enumerate(ledgers)))
-        impacts = (
-            []
-            if first is None
-            else [t.loc[r] if r >= 0 else None for t, r in zip(ledgers, first[1:], strict=True)]
-        )
-        kinds.append(
-            KindMatch(
-                kind=kind,
-                impacts=(len(ledgers[0]), len(ledgers[1])),
-                matched=len(matched),
-                before=int((time < (math.inf if first is None else first[0])).sum()),
-                undecided=undecided,
-                parting=_describe(impacts, (ours, theirs), setup, engine, resolutions, touching)
-                if impacts
-                else None,
-            )
-        )
-    return LedgerMatch(window, explained, touching, tuple(kinds))
+        before, found = len(matched), None
+        if first is not None:
+            time = np.minimum(*(t["time"].to_numpy()[matched[:, k]] for k, t in enumerate(ledgers)))
+            before = int((time < first[0]).sum())
+            impacts = [t.loc[r] if r >= 0 else None for t, r in zip(ledgers, first[1:], strict=True)]
+            found = _describe(impacts, (ours, theirs), setup, engine, resolutions, touching)
+        return KindMatch(kind, (len(ledgers[0]), len(ledgers[1])), len(matched), before, undecided, found)
+
+    matches = [compare(kind) for kind in ("surface", "pair", "pad")]
+    return LedgerMatch(window, explained, touching, tuple(match for match in matches if any(match.impacts)))
 
 
 def _first_to_part(
@@ -196,7 +193,8 @@ def _describe(
     surface_gap = min(_surface_gap(surface, position[k], 0.5 * float(setup.state.diameter[k])) for k in here)
     pad_gap = min(pad - float(position[k, 2]) - 0.5 * float(setup.state.diameter[k]) for k in here)
     others = [gap for _, gap in around]
-    others += [surface_gap] * (shown["kind"] != "surface") + [pad_gap] * (shown["kind"] != "pad")
+    others += [surface_gap] * (shown["kind"] != "surface")
+    others += [pad_gap] * (shown["kind"] != "pad" and math.isfinite(pad_gap))
     return PartingImpact(
         time=time,
         particle=i,
