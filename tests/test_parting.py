@@ -133,7 +133,9 @@ def test_impacts_are_the_same_only_within_the_window_of_the_same_particles_and_k
 
 def test_an_impact_has_one_partner_at_most():
     one = ledger((10.0, "pad", 1, -1), (11.0, "pad", 1, -1))
-    assert parting.match_impacts(one, ledger((11.2, "pad", 1, -1)), 5.0).tolist() == [[1, 0]]
+    other = ledger((11.2, "pad", 1, -1))
+    assert parting.match_impacts(one, other, 5.0).tolist() == [[1, 0]]
+    assert parting.match_impacts(other, one, 5.0).tolist() == [[0, 1]]
     assert parting.match_impacts(one, ledger(), 5.0).shape == (0, 2)
 
 
