@@ -77,6 +77,7 @@ def ledger_table(ledger: LedgerMatch, engine: str) -> TextTable:
                 for k in ledger.kinds
             ),
         ],
+        [f"lowers a node, reference / {engine}", *(_of(k, _nodes) for k in ledger.kinds)],
         ["contact lasts, in the model", *(_of(k, lambda p: _length(p.duration)) for k in ledger.kinds)],
         [f"resolved over, reference / {engine}", *(_of(k, _resolved) for k in ledger.kinds)],
         ["gap to the surface (nm)", *(_of(k, lambda p: _nm(p.surface_gap)) for k in ledger.kinds)],
@@ -88,9 +89,9 @@ def ledger_table(ledger: LedgerMatch, engine: str) -> TextTable:
         "Contact ledgers of sample 0. Two impacts are the same if kind and particles are, and each is the "
         f"nearest to the other within {quantity_text(ledger.window, 's', digits=3)}: a step of each engine, "
         "a soft contact and a tenth of the drag time tau. They part at the first impact that one engine "
-        f"lacks, or that differs by more than the {ledger.explained:.2g} m/s that late contacts explain. "
-        "Neighbours: centres within 1.1 (R_i + R_j). Something else touches: within "
-        f"{quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles within a step of "
+        f"lacks, that differs by more than the {ledger.explained:.2g} m/s that late contacts explain, or "
+        "that lowers another node. Neighbours: centres within 1.1 (R_i + R_j). Something else touches: "
+        f"within {quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles within a step of "
         "each engine and a soft contact."
     )
     return TextTable(caption, ["impacts with", *(_WITH[k.kind] for k in ledger.kinds)], rows)
@@ -115,8 +116,8 @@ def ledger_sentences(ensemble: Ensemble) -> list[str]:
     ]
     if any(p.crowded for _, _, p in parted):
         texts.append(
-            "Impacts at the same time have no unique outcome: the reference takes them one after the other, "
-            f"{ensemble.engine} has one long contact, recorded with the speed at which it began."
+            "Impacts at the same time have no unique outcome: the reference takes them one after the other; in "
+            f"{ensemble.engine} a contact of two particles lasts and is recorded once, with its first speed."
         )
     return [*texts, "No verdict hangs on this: single trajectories part, means need not."]
 
@@ -134,6 +135,10 @@ def _told(match: KindMatch, p: PartingImpact, engine: str) -> str:
         "surface": f"the impact of particle {p.particle} on the surface",
         "pad": f"the contact of particle {p.particle} with the pad",
     }[match.kind]
+    if min(p.nodes) >= 0 and p.nodes[0] != p.nodes[1]:
+        how += (
+            f"; it lowers different nodes, as points of contact {_nm(p.apart, 2)} nm apart lie between them"
+        )
     crowd = ", while something else touches" if p.crowded else ""
     return f"{what}, {quantity_text(p.time, 's', digits=4)} after the start{crowd}: {how}"
 
@@ -162,12 +167,18 @@ def _length(seconds: float) -> str:
     return "no time" if seconds == 0.0 else quantity_text(seconds, "s", digits=3)
 
 
+def _nodes(p: PartingImpact) -> str:
+    different = min(p.nodes) >= 0 and p.nodes[0] != p.nodes[1]
+    text = " / ".join("no" if node < 0 else "yes" for node in p.nodes)
+    return text + (f", not the same" if different else "")
+
+
 def _resolved(p: PartingImpact) -> str:
     return " / ".join("none" if math.isnan(t) else _length(t) for t in p.contact_times)
 
 
-def _nm(metres: float) -> str:
-    return "n/a" if math.isnan(metres) else number(round(metres * 1e9, 1) + 0.0, 4)
+def _nm(metres: float, decimals: int = 1) -> str:
+    return "n/a" if math.isnan(metres) else number(round(metres * 1e9, decimals) + 0.0, 4)
 
 
 def _neighbours(p: PartingImpact) -> str:

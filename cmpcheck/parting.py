@@ -17,7 +17,7 @@ from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.results import KindMatch, LedgerMatch, PartingImpact
 from reference.heightfield import Heightfield
 from reference.recording import Run
-from reference.state import Setup
+from reference.state import DEPOSIT_NODE_DEPTH, Setup
 
 NEIGHBOUR = 1.1  # of R_i + R_j: centres nearer than that are neighbours
 DRAG_SHARE = 0.1  # of tau: within it drag changes a slip by less than that share
@@ -126,9 +126,10 @@ def compare_impacts(
 ) -> LedgerMatch:
     """Match the impacts of one sample in the reference and another engine, and find where each kind parts.
 
-    A kind parts at the first impact that one engine lacks or that differs in approach speed by more than late
-    contacts explain.  An impact that one engine lacks counts as undecided when it is so near the speed from
-    which impacts are recorded that the other may have had it below.
+    A kind parts at the first impact that one engine lacks, that differs in approach speed by more than late
+    contacts explain, or that lowers another node of the surface.  An impact that one engine lacks counts as
+    undecided when it is so near the speed from which impacts are recorded that the other may have had it
+    below.
 
     Parameters: setup, from which both started; engine, the reference, which runs again up to each parting to
     show what is around; the resolutions of both.
@@ -160,10 +161,11 @@ def _first_to_part(
 ) -> tuple[tuple[float, int, int] | None, int]:
     """Time and rows (-1: none) of the first impact that parts, and the number undecided before it."""
     times, speeds = ([t[name].to_numpy() for t in ledgers] for name in ("time", "approach_speed"))
+    nodes = [lowered_nodes(t, setup) for t in ledgers]
     a, b = matched.T
+    differs = (np.abs(speeds[0][a] - speeds[1][b]) > explained) | (nodes[0][a] != nodes[1][b])
     candidates: list[tuple[float, int, int]] = [
-        (min(times[0][i], times[1][j]), int(i), int(j))
-        for i, j in matched[np.abs(speeds[0][a] - speeds[1][b]) > explained]
+        (min(times[0][i], times[1][j]), int(i), int(j)) for i, j in matched[differs]
     ]
     doubtful: list[float] = []
     for k in (0, 1):
@@ -174,6 +176,18 @@ def _first_to_part(
         candidates += [(times[k][r], *((int(r), -1) if k == 0 else (-1, int(r)))) for r in alone[~weak]]
     first = min(candidates, default=None)
     return first, sum(time < (math.inf if first is None else first[0]) for time in doubtful)
+
+
+def lowered_nodes(contacts: pd.DataFrame, setup: Setup) -> np.ndarray:
+    """The node that each impact lowers, numbered row by row; -1 where none is, or where volume is removed."""
+    if setup.model.deposit != DEPOSIT_NODE_DEPTH:
+        return np.full(len(contacts), -1)
+    shape = setup.state.heights.shape
+    i, j = (
+        np.floor(contacts[name].to_numpy(float) / setup.model.spacing + 0.5).astype(np.int64) % n
+        for name, n in zip("xy", shape, strict=True)
+    )
+    return np.where(contacts["removed_volume"].to_numpy() > 0.0, i * shape[1] + j, -1)
 
 
 def _describe(
@@ -208,6 +222,8 @@ def _describe(
         pad_gap=pad_gap,
         crowded=min(others, default=math.inf) <= touching
         or any(_struck_otherwise(run.contacts, shown, lateness(*resolutions)) for run in runs),
+        nodes=(_node(impacts[0], setup), _node(impacts[1], setup)),
+        apart=_apart(impacts, setup),
     )
 
 
@@ -220,6 +236,17 @@ def _struck_otherwise(contacts: pd.DataFrame, impact: pd.Series, late: float) ->
     if impact["kind"] == "pair":
         same &= mine["i"].isin(particles) & mine["j"].isin(particles)
     return not bool(same.all())
+
+
+def _apart(impacts: list[pd.Series | None], setup: Setup) -> float:
+    """Distance of the points of contact of an impact in two engines, m; nan if one lacks it."""
+    one, other = impacts
+    if one is None or other is None:
+        return math.nan
+    difference = np.array([float(other[name]) - float(one[name]) for name in "xyz"])
+    for axis, period in enumerate((setup.model.length_x, setup.model.length_y)):
+        difference[axis] -= period * round(difference[axis] / period)
+    return float(np.linalg.norm(difference))
 
 
 def _state_at(
@@ -260,6 +287,10 @@ def neighbours(setup: Setup, position: np.ndarray, here: list[int]) -> tuple[tup
         for k in np.flatnonzero(gap < (NEIGHBOUR - 1.0) * contact):
             gaps[int(k)] = min(float(gap[k]), gaps.get(int(k), math.inf))
     return tuple(sorted(((k, gap) for k, gap in gaps.items() if k not in here), key=lambda pair: pair[1]))
+
+
+def _node(impact: pd.Series | None, setup: Setup) -> int:
+    return -1 if impact is None else int(lowered_nodes(impact.to_frame().T, setup)[0])
 
 
 def _value(impact: pd.Series | None, column: str) -> float:

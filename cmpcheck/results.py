@@ -134,6 +134,8 @@ class PartingImpact:
     surface_gap: float  # m, of the nearer of a pair
     pad_gap: float  # m, likewise
     crowded: bool  # a neighbour, the surface or the pad that is no part of it touches at the same time
+    nodes: tuple[int, int]  # of the surface, that reference and other engine lower; -1 where none is
+    apart: float  # between the points of contact, m
 
 
 @dataclass(frozen=True)

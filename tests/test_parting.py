@@ -13,6 +13,7 @@ from cmpcheck import parting
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.engines.reference import ReferenceEngine
 from reference.case import load_case
+from reference.heightfield import Heightfield
 from reference.ledger import COLUMNS
 from reference.process import build_setup
 from reference.simulation import simulate_setup
@@ -104,6 +105,47 @@ def test_a_changed_speed_is_found_and_the_earliest_of_two_counts(run, setup):
     part = kinds["surface"].parting
     assert part.time == run.contacts.loc[first, "time"]
     assert part.measured_speed - part.reference_speed > parting.explained_speed(setup, late)
+
+
+def test_an_impact_that_lowers_another_node_parts_the_runs_however_near_it_is(run, setup):
+    row = strong(run, setup, "surface")[3]
+    h, x = setup.model.spacing, run.contacts.loc[row, "x"]
+    midway = (math.floor(x / h + 0.5) + 0.5) * h
+    ours, theirs = run.contacts.copy(), run.contacts.copy()
+    ours.loc[row, "x"], theirs.loc[row, "x"] = midway - 1e-12, midway - 2e-12
+    same = parting.compare_impacts(
+        replace(run, contacts=ours),
+        replace(run, contacts=theirs),
+        setup,
+        ReferenceEngine(),
+        (REFERENCE, OTHER),
+    )
+    assert same.kinds[0].parting is None
+    theirs.loc[row, "x"] = midway + 1e-12
+    other = parting.compare_impacts(
+        replace(run, contacts=ours),
+        replace(run, contacts=theirs),
+        setup,
+        ReferenceEngine(),
+        (REFERENCE, OTHER),
+    )
+    found = other.kinds[0].parting
+    assert found is not None
+    assert found.time == run.contacts.loc[row, "time"]
+    assert abs(found.nodes[1] - found.nodes[0]) in (20, 380)  # the next row of 20, or across the edge
+    assert math.isclose(found.apart, 2e-12, rel_tol=1e-3)
+
+
+def test_the_node_of_an_impact_is_the_one_that_the_surface_lowers(run, setup):
+    numbers = parting.lowered_nodes(run.contacts, setup)
+    hits = run.contacts["removed_volume"] > 0.0
+    assert ((numbers >= 0) == hits).all()
+    surface = Heightfield(setup.state.heights, setup.model.spacing)
+    for x, y, depth in run.contacts.loc[hits, ["x", "y", "depth"]].itertuples(index=False):
+        surface.lower_node(x, y, CASE.removal.acceleration * depth)
+    depths = run.contacts.loc[hits, "depth"] * CASE.removal.acceleration
+    fallen = np.bincount(numbers[hits], depths, surface.z.size).reshape(surface.z.shape)
+    np.testing.assert_allclose(setup.state.heights - fallen, surface.z, rtol=0.0, atol=1e-18)
 
 
 def test_an_impact_too_slow_to_tell_is_counted_and_parts_nothing(run, setup):
