@@ -91,8 +91,8 @@ def ledger_table(ledger: LedgerMatch, engine: str) -> TextTable:
         "a soft contact and a tenth of the drag time tau. They part at the first impact that one engine "
         f"lacks, that differs by more than the {ledger.explained:.2g} m/s that late contacts explain, or "
         "that lowers another node. Neighbours: centres within 1.1 (R_i + R_j). Something else touches: "
-        f"within {quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles within a step of "
-        "each engine and a soft contact."
+        f"within {quantity_text(ledger.touching, 'm', digits=2)}, or strikes one of the particles within a "
+        "step of each engine and a soft contact."
     )
     return TextTable(caption, ["impacts with", *(_WITH[k.kind] for k in ledger.kinds)], rows)
 
@@ -116,8 +116,8 @@ def ledger_sentences(ensemble: Ensemble) -> list[str]:
     ]
     if any(p.crowded for _, _, p in parted):
         texts.append(
-            "Impacts at the same time have no unique outcome: the reference takes them one after the other; in "
-            f"{ensemble.engine} a contact of two particles lasts and is recorded once, with its first speed."
+            "Impacts at the same time have no unique outcome: the reference takes them one after the other; "
+            f"in {ensemble.engine} a contact of two particles lasts and is recorded once, with its first speed."
         )
     return [*texts, "No verdict hangs on this: single trajectories part, means need not."]
 
@@ -136,9 +136,7 @@ def _told(match: KindMatch, p: PartingImpact, engine: str) -> str:
         "pad": f"the contact of particle {p.particle} with the pad",
     }[match.kind]
     if min(p.nodes) >= 0 and p.nodes[0] != p.nodes[1]:
-        how += (
-            f"; it lowers different nodes, as points of contact {_nm(p.apart, 2)} nm apart lie between them"
-        )
+        how += f"; the nodes that it lowers differ, nearest to points {_nm(p.apart, 2)} nm apart"
     crowd = ", while something else touches" if p.crowded else ""
     return f"{what}, {quantity_text(p.time, 's', digits=4)} after the start{crowd}: {how}"
 
@@ -170,7 +168,7 @@ def _length(seconds: float) -> str:
 def _nodes(p: PartingImpact) -> str:
     different = min(p.nodes) >= 0 and p.nodes[0] != p.nodes[1]
     text = " / ".join("no" if node < 0 else "yes" for node in p.nodes)
-    return text + (f", not the same" if different else "")
+    return text + (", not the same" if different else "")
 
 
 def _resolved(p: PartingImpact) -> str:
