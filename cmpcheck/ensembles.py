@@ -1,146 +1,169 @@
 """Whether two engines polish alike: samples that start from the same arrays, compared by paired statistics.
 
 Trajectories of a polishing case part early, so only ensembles can be compared (Sections 4 and 4.1).  The
-statistics are `statistics/`, the seeds of the samples `reference/ensemble.py`.
+statistics are `statistics/`, the seeds of the samples `reference/ensemble.py`, what is observed
+`observables.py`, how many samples there are `planning.py`, where one sample parts `parting.py`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from pathlib import Path
 
-import numpy as np
-
+from cmpcheck.display import quantity_text
 from cmpcheck.engines.protocol import Engine, Resolution
-from cmpcheck.results import Comparison, Trace
-from cmpcheck.statistics import (
-    Equivalence,
-    control_family,
-    mean_band,
-    paired_difference,
-    relative_differences,
-)
+from cmpcheck.observables import Pairs, margins, pair_up
+from cmpcheck.parting import compare_impacts, drag_time, flow_speed
+from cmpcheck.planning import fewest_sentence, pairs_to_run, pilot_spreads, plan
+from cmpcheck.results import Comparison, Ensemble
+from cmpcheck.statistics import Equivalence, control_family, paired_difference
 from cmpcheck.study import contact_settings
 from reference.case import Case
 from reference.ensemble import sample_case
 from reference.process import build_setup
 from reference.recording import Run
+from reference.state import Setup
 
-PAIRS = {"quick": 9, "full": 24}  # fewer than 9 can never call one quantity of this family different
-TIMES = 5  # at which flatness is compared, equally spaced
-FLATNESS_MARGIN = 0.02  # of Pi, unless the case sets [engine.NAME] margin_flatness
-RELATIVE_MARGIN = 0.05  # of counts and volumes, unless the case sets margin_relative
-FORM = "impulse"  # simultaneous soft contacts have no unique outcome
-
-
-@dataclass(frozen=True)
-class Observable:
-    """One number per sample, in both engines."""
-
-    quantity: str
-    place: str
-    equations: str
-    unit: str
-    margin: float  # in the unit, or in parts of the reference's mean if relative
-    relative: bool
-    reference: np.ndarray  # (n,)
-    measured: np.ndarray  # (n,)
-
-    @property
-    def differences(self) -> np.ndarray:
-        """Differences sample by sample, in the margin's measure."""
-        if self.relative:
-            return relative_differences(self.measured, self.reference)
-        return self.measured - self.reference
-
-    @property
-    def scale(self) -> float:
-        """What turns the margin's measure into the unit."""
-        return float(self.reference.mean()) if self.relative else 1.0
+STEP_SHARE = 0.5  # of the margins, within which the reference must not depend on its own step
 
 
 def compare_ensembles(
-    case: Case, engines: tuple[Engine, Engine], profile: str
-) -> tuple[list[Comparison], list[Trace]]:
+    case: Case,
+    engines: tuple[Engine, Engine],
+    profile: str,
+    form: str = "impulse",
+    folder: Path | None = None,
+) -> tuple[list[Comparison], Ensemble]:
     """Run the samples in both engines, the reference first, and judge every observable.
 
-    Returns rows of kind `statistical`, whose tolerance is the margin, and the mean curves of flatness with
-    their 95 % bands.  Raises EngineError (a RuntimeError) when a run fails.
+    The reference runs them once more at twice its step: its own dependence on the step must lie within
+    STEP_SHARE of the margins.
+
+    Parameters: form of the contacts with surface and pad in the other engine, impulse | soft; folder, to
+    which every run is saved as soon as it is made.
+    Returns rows of kind `statistical`, whose tolerance is the margin, and what the report shows beside them.
+    Raises EngineError (a RuntimeError) when a run fails, CaseError for an entry of the case that makes no
+    sense.
     """
-    runs = [_sample(case, engines, k) for k in range(PAIRS[profile])]
-    ours, theirs = [pair[0] for pair in runs], [pair[1] for pair in runs]
     name = engines[1].name
-    observables = _observables(case, name, ours, theirs)
-    verdicts = control_family([paired_difference(o.differences, o.margin) for o in observables])
-    rows = [_row(case, name, o, v) for o, v in zip(observables, verdicts, strict=True)]
-    return rows, [*_traces(case, "reference", ours), *_traces(case, name, theirs)]
-
-
-def _sample(case: Case, engines: tuple[Engine, Engine], k: int) -> tuple[Run, Run]:
-    setup = build_setup(sample_case(case, k))
-    duration, steps = contact_settings(case, engines[1].name)
-    fine = Resolution(duration / steps, duration, FORM)
-    return engines[0].run(setup, Resolution(setup.time_step)), engines[1].run(setup, fine)
-
-
-def _observables(case: Case, engine: str, ours: list[Run], theirs: list[Run]) -> list[Observable]:
-    """Flatness at several times, removals, sum of depths and removed volume at the end."""
-    table = case.engine[engine]
-    flat, relative = (
-        case.quantity(table.get(key, default), "", f"engine.{engine}.{key}")
-        for key, default in (("margin_flatness", FLATNESS_MARGIN), ("margin_relative", RELATIVE_MARGIN))
+    fine, coarse, soft = resolutions(case, name, form)
+    ours, theirs, doubled = [], [], []
+    limits, step_limits = margins(case, name), margins(case, name, STEP_SHARE)
+    pairs = pairs_to_run(case, name, profile, limits)
+    step_pairs = pairs_to_run(case, "reference", profile, step_limits)
+    for k in range(max(pairs, step_pairs)):
+        setup = build_setup(sample_case(case, k))
+        ours.append(_keep(engines[0].run(setup, fine), folder, "reference", k))
+        if k < step_pairs:
+            doubled.append(engines[0].run(setup, coarse))
+        if k < pairs:
+            theirs.append(_keep(engines[1].run(setup, soft), folder, f"{name}-{form}", k))
+    compared = pair_up(limits, ours[: len(theirs)], theirs)
+    steps = pair_up(step_limits, ours[: len(doubled)], doubled)
+    step_label = f"time step {_ns(coarse.time_step)} against {_ns(fine.time_step)}"
+    step_reason = f"what doubling the step changes; at first order, the error left at {_ns(fine.time_step)}"
+    rows = [
+        *_rows(case, name, form, "", compared),
+        *_rows(case, "reference", step_label, f"{STEP_SHARE:g} of the margin; {step_reason}; ", steps),
+    ]
+    first = build_setup(sample_case(case, 0))
+    ensemble = Ensemble(
+        case=case.name,
+        variant=case.variant,
+        engine=name,
+        form=form,
+        pairs=len(theirs),
+        curves=tuple(p.curve() for p in compared),
+        planning=(*plan(case, name, compared), *plan(case, "reference", steps)),
+        ledger=compare_impacts(ours[0], theirs[0], first, engines[0], (fine, soft)),
+        remarks=(_about_steps(case, name, fine, soft, first), fewest_sentence()),
     )
-    curves = [np.array([run.history["flatness"] for run in runs]) for runs in (ours, theirs)]
-    times = ours[0].history["time"].to_numpy()
-    found = []
-    for k in range(1, TIMES + 1):
-        frame = round(k * (len(times) - 1) / TIMES)
-        place, values = f"at {times[frame] * 1e6:.3g} us", [curve[:, frame] for curve in curves]
-        found.append(Observable("flatness", place, "44", "1", flat, False, *values))
-    for quantity, unit, column in (
-        ("removals", "1", None),
-        ("depth_sum", "m", "depth"),
-        ("removed_volume", "m3", "removed_volume"),
-    ):
-        values = [np.array([_total(run, column) for run in runs]) for runs in (ours, theirs)]
-        found.append(Observable(quantity, "", "32-36", unit, relative, True, *values))
-    return found
+    return rows, ensemble
 
 
-def _total(run: Run, column: str | None) -> float:
-    removing = run.contacts[run.contacts["removed_volume"] > 0.0]
-    return float(removing[column].sum()) if column else float(len(removing))
+def check_settings(case: Case, engine: str) -> None:
+    """Raise CaseError, before anything is run, for an entry of `[engine.*]` that makes no sense."""
+    resolutions(case, engine, "")
+    margins(case, engine)
+    for name in ("reference", engine):
+        pilot_spreads(case, name)
 
 
-def _row(case: Case, engine: str, o: Observable, verdict: Equivalence) -> Comparison:
-    n, spread = len(o.reference), verdict.standard_error * o.scale
-    label = ", ".join(part for part in (case.variant, FORM, o.place) if part)
+def resolutions(case: Case, engine: str, form: str) -> tuple[Resolution, Resolution, Resolution]:
+    """Of the reference, of the reference at twice its step, and of the other engine.
+
+    The reference's step is that of `[engine.reference]`, without it that of every run of the case.
+    Raises CaseError for a step that is not positive.
+    """
+    duration, steps = contact_settings(case, engine)
+    table, path = case.engine.get("reference", {}), "engine.reference.time_step"
+    if "time_step" in table:
+        step = case.quantity(table["time_step"], "s", path)
+        if not step > 0.0:
+            raise case.error(path, table["time_step"], "allowed: > 0")
+    else:
+        step = build_setup(case).time_step
+    return Resolution(step), Resolution(2.0 * step), Resolution(duration / steps, duration, form)
+
+
+def _keep(run: Run, folder: Path | None, name: str, k: int) -> Run:
+    if folder is not None:
+        run.save(folder / name / str(k))
+    return run
+
+
+def _rows(case: Case, engine: str, label: str, reason: str, found: list[Pairs]) -> list[Comparison]:
+    """One row for each quantity and time, judged as one family."""
+    places = [(p, frame) for p in found for frame in p.frames]
+    verdicts = control_family([paired_difference(p.differences(frame), p.margin) for p, frame in places])
+    return [
+        _row(case, engine, label, reason, p, frame, verdict)
+        for (p, frame), verdict in zip(places, verdicts, strict=True)
+    ]
+
+
+def _row(
+    case: Case, engine: str, label: str, reason: str, p: Pairs, frame: int, verdict: Equivalence
+) -> Comparison:
+    place = "" if p.observable.relative else f"at {p.times[frame] * 1e6:.3g} us"
+    error = f"mean of {verdict.n} pairs, standard error {verdict.standard_error * p.scale:.2g}"
     return Comparison(
         case=case.name,
-        variant=label,
+        variant=", ".join(part for part in (case.variant, label, place) if part),
         engine=engine,
-        quantity=o.quantity,
-        equations=o.equations,
-        unit=o.unit,
-        reference=float(o.reference.mean()),
-        measured=float(o.measured.mean()),
-        error=abs(verdict.mean) * o.scale,
-        tolerance=o.margin * o.scale,
+        quantity=p.observable.quantity,
+        equations=p.observable.equations,
+        unit=p.observable.unit,
+        reference=float(p.reference[:, frame].mean()),
+        measured=float(p.measured[:, frame].mean()),
+        error=abs(verdict.mean) * p.scale,
+        tolerance=p.margin * p.scale,
         kind="statistical",
-        reason=f"mean of {n} pairs, standard error {spread:.2g}; {verdict.reason}",
+        reason=f"{reason}{error}; {verdict.reason}",
         status=verdict.status,
     )
 
 
-def _traces(case: Case, engine: str, runs: list[Run]) -> list[Trace]:
-    """Mean flatness over time and its confidence band."""
-    times = tuple(runs[0].history["time"])
-    band = mean_band(np.array([run.history["flatness"] for run in runs]))
-    curves = (
-        ("flatness, mean", band.mean),
-        ("flatness, 95 % band below", band.lower),
-        ("flatness, 95 % band above", band.upper),
+def _about_steps(case: Case, engine: str, fine: Resolution, soft: Resolution, setup: Setup) -> str:
+    """Which steps the two engines take, and why."""
+    part, usual = soft.contact_duration / fine.time_step, setup.time_step
+    text = (
+        f"The reference takes steps of {_ns(fine.time_step)}, 1/{part:.3g} of the "
+        f"{_ns(soft.contact_duration)} that a contact between particles lasts in {engine}, whose steps are "
+        f"{_ns(soft.time_step)}"
     )
-    return [
-        Trace(case.name, case.variant, engine, label, "1", times, tuple(map(float, values)))
-        for label, values in curves
-    ]
+    if math.isclose(usual, fine.time_step):
+        return f"{text}."
+    text += (
+        f": both are near their limits. The {_ns(usual)} of an ordinary run of the case would add an error "
+        "of the reference's own; how much is left, the rows of the engine reference show."
+    )
+    threshold, speed = setup.model.threshold_velocity, 2.0 * flow_speed(setup)
+    if 0.0 < threshold < speed * usual / drag_time(setup):
+        longest = _ns(threshold * drag_time(setup) / speed)
+        text += f" Above v_th tau/(2 U) = {longest} a particle pressed on the surface wears it at every step."
+    return text
+
+
+def _ns(seconds: float) -> str:
+    return quantity_text(seconds, "s", like=1e-9, digits=3)

@@ -8,58 +8,21 @@ when; until then the engines must have the same contacts in the same order.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.judges import Measured
+from cmpcheck.parting import Parting, first_parting
 from cmpcheck.phases import unwrapped
 from cmpcheck.quantities import kinetic_energy
 from cmpcheck.results import Comparison
 from cmpcheck.study import Level, Study
 from reference.case import Case
-from reference.recording import Run
 
 FEWEST_CONTACTS = 10  # fewer contacts before the horizon are no test of their order
-
-
-@dataclass(frozen=True)
-class Parting:
-    """The first contact that one of two runs has and the other has not."""
-
-    time: float  # s; infinity if the runs never part
-    i: int = -1
-    j: int = -1
-
-
-def first_parting(one: Run, other: Run) -> Parting:
-    """When the partners that any particle meets, in its own order, begin to differ.
-
-    Contacts far apart may swap their order in time; what each particle meets may not.
-    """
-    sequences = [_partners(run.contacts) for run in (one, other)]
-    parting = Parting(math.inf)
-    for particle in sorted(sequences[0].keys() | sequences[1].keys()):
-        a, b = (sequence.get(particle, []) for sequence in sequences)
-        for k in range(max(len(a), len(b))):
-            if k < min(len(a), len(b)) and a[k][1] == b[k][1]:
-                continue
-            time, partner = min(sequence[k] for sequence in (a, b) if k < len(sequence))
-            if time < parting.time:
-                parting = Parting(time, particle, partner)
-            break
-    return parting
-
-
-def _partners(contacts: pd.DataFrame) -> dict[int, list[tuple[float, int]]]:
-    met: dict[int, list[tuple[float, int]]] = defaultdict(list)
-    for time, i, j in sorted(contacts[["time", "i", "j"]].itertuples(index=False)):
-        met[i].append((time, j))
-        met[j].append((time, i))
-    return met
 
 
 def study_horizon(engine: Engine, study: Study) -> Parting:

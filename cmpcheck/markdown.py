@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from cmpcheck import verdicts
+from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, quantity_text, ratio_text, words
 from cmpcheck.page import printed_row, tally_text
-from cmpcheck.results import CaseResult, Comparison, SuiteResult
+from cmpcheck.results import CaseResult, Comparison, Ensemble, SuiteResult
 
 _PARTS = (
     ("1 Verification: does the reference solve the paper's equations?", "1"),
@@ -60,13 +60,15 @@ def plain(text: str) -> str:
 def _case(case: CaseResult, part: str) -> list[str]:
     rows = [row for row in case.comparisons if verdicts.part_of(row) == part]
     convergences = [c for c in case.convergences if ("1" if c.engine == verdicts.REFERENCE else "2") == part]
-    if not rows and not convergences:
+    ensembles = case.ensembles if part == "3" else []
+    if not rows and not convergences and not ensembles:
         return []
     lines = ["", f"### {plain(case.name)}: {plain(case.title)}", "", plain(case.sentence)]
     if case.equations:
         lines[-1] += f" (Eqs. {plain(case.equations)})"
     first = part == min(map(verdicts.part_of, case.comparisons), default="1")
     lines += [item for note in case.notes if first for item in ("", plain(note))]
+    lines += [line for ensemble in ensembles for line in _ensemble(ensemble)]
     if rows:
         lines += ["", f"{len(rows)} comparison{'s' * (len(rows) > 1)}: {tally_text(rows)}.", "", *_rows(rows)]
     if convergences:
@@ -77,6 +79,18 @@ def _case(case: CaseResult, part: str) -> list[str]:
               quantity_text(c.uncertainty, c.unit, digits=2), quantity_text(c.target, c.unit),
               "none" if c.order is None else number(c.order, 3), c.parameter] for c in convergences],
         )  # fmt: skip
+    return lines
+
+
+def _ensemble(ensemble: Ensemble) -> list[str]:
+    lines = ["", f"#### {plain(ensemble_text.heading(ensemble))}"]
+    lines += [item for text in ensemble.remarks for item in ("", plain(text))]
+    tables = [ensemble_text.planning_table(ensemble)]
+    if ensemble.ledger is not None:
+        lines += ["", plain(" ".join(ensemble_text.ledger_sentences(ensemble)))]
+        tables.append(ensemble_text.ledger_table(ensemble.ledger, ensemble.engine))
+    for table in tables:
+        lines += ["", plain(table.caption), "", *_table(table.header, table.rows)]
     return lines
 
 

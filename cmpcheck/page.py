@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cmpcheck import verdicts
+from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
-from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
 ROWS_SHOWN = 6  # a longer table shows its worst rows and folds the rest
@@ -52,6 +52,17 @@ class Panel(NamedTuple):
     caption: str
 
 
+class EnsembleBlock(NamedTuple):
+    """One ensemble of two engines in part 3."""
+
+    heading: str
+    panels: list[Panel]
+    remarks: tuple[str, ...]
+    planning: ensemble_text.TextTable
+    ledger: ensemble_text.TextTable | None
+    parting: list[str]
+
+
 @dataclass
 class Block:
     """One case in one part of the report."""
@@ -64,6 +75,7 @@ class Block:
     tally: str
     panels: list[Panel] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    ensembles: list[EnsembleBlock] = field(default_factory=list)  # in part 3
     first: bool = True  # the first part in which the case stands, where its notes are shown
 
 
@@ -148,12 +160,11 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
     blocks: list[Block] = []
     for index, case in enumerate(result.cases):
         own = [row for row in case.comparisons if verdicts.part_of(row) == part]
-        ensemble = any(row.kind == "statistical" for row in case.comparisons)
         convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else "2") == part]
         crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
-        home = "3" if ensemble else "2"
-        traces = [t for t in case.traces if (home if t.label in crossed else "1") == part]
-        if not (own or convergences or traces):
+        traces = [t for t in case.traces if ("2" if t.label in crossed else "1") == part]
+        ensembles = case.ensembles if part == "3" else []
+        if not (own or convergences or traces or ensembles):
             continue
         anchor = f"part-{part}-case-{index + 1}"
         ordered = verdicts.worst_first(own)
@@ -165,8 +176,31 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
         )  # fmt: skip
         block.first = part == min(map(verdicts.part_of, case.comparisons), default=part)
         _draw(block, traces, convergences)
+        block.ensembles = [_ensemble(e, f"e{block.number}.{k}") for k, e in enumerate(ensembles)]
         blocks.append(block)
     return blocks
+
+
+def _ensemble(ensemble: Ensemble, key: str) -> EnsembleBlock:
+    """An ensemble's figures, tables and sentences."""
+    from cmpcheck.plots_ensembles import ensemble_figure
+
+    panels = [
+        Panel(
+            Markup(ensemble_figure(curve, ensemble.engine, f"{key}.{k}")),
+            ensemble_text.curve_caption(curve, ensemble),
+        )
+        for k, curve in enumerate(ensemble.curves)
+    ]
+    ledger = ensemble.ledger
+    return EnsembleBlock(
+        ensemble_text.heading(ensemble),
+        panels,
+        ensemble.remarks,
+        ensemble_text.planning_table(ensemble),
+        None if ledger is None else ensemble_text.ledger_table(ledger, ensemble.engine),
+        [] if ledger is None else ensemble_text.ledger_sentences(ensemble),
+    )
 
 
 def _draw(block: Block, traces: Sequence[Trace], convergences: Sequence[Convergence]) -> None:

@@ -77,6 +77,7 @@ def report_json(result: SuiteResult) -> str:
             for case in result.cases
             for convergence in case.convergences
         ],
+        "ensembles": [asdict(ensemble) for case in result.cases for ensemble in case.ensembles],
         "provenance": result.provenance,
         "profile": result.profile,
         "seconds": result.seconds,

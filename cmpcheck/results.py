@@ -75,6 +75,115 @@ class Trace:
     style: str = "line"  # line | points (impacts)
 
 
+@dataclass(frozen=True)
+class MeanCurve:
+    """A mean over samples and its confidence band, at the times of an `EnsembleCurve`."""
+
+    mean: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class EnsembleCurve:
+    """One quantity of paired samples over time: both engines, and the paired difference beside its margin."""
+
+    quantity: str
+    unit: str
+    times: tuple[float, ...]  # s
+    reference: MeanCurve  # 95 %
+    measured: MeanCurve  # 95 %
+    difference: MeanCurve  # measured minus reference, 90 %: the interval that is held against the margin
+    margin: float  # in `unit`
+    margin_rule: str  # where the margin comes from, e.g. "5 % of the reference's final mean"
+
+
+@dataclass(frozen=True)
+class Planning:
+    """How many pairs one quantity needs, and what those that were run can tell.
+
+    Spreads, margin and difference are in the quantity's unit, or shares of the reference's mean.
+    """
+
+    engine: str  # the reference: its own step size, the same quantity at two of them
+    quantity: str
+    relative: bool
+    margin: float
+    pilot: float  # standard deviation of the paired differences in the pilot; nan without one
+    assumed: float  # in the calculation
+    source: str  # why so much
+    needed: int  # pairs, for a power of 90 %
+    pairs: int  # that were run
+    power: float  # of showing equivalence with these, if there is no difference
+    detectable: float  # true difference that is told from zero with a power of 80 %
+    found: float  # standard deviation of these pairs
+
+
+@dataclass(frozen=True)
+class PartingImpact:
+    """The first impact of its kind at which two engines part; nan for what an engine does not have."""
+
+    time: float  # s
+    particle: int
+    partner: int  # -1 but for pairs
+    reference_speed: float  # of approach, m/s
+    measured_speed: float
+    duration: float  # of the impact in the model, s
+    contact_times: tuple[float, float]  # over which reference and other engine resolved it, s
+    neighbours: tuple[tuple[int, float], ...]  # other particles and the gaps to them in m, nearest first
+    surface_gap: float  # m, of the nearer of a pair
+    pad_gap: float  # m, likewise
+    crowded: bool  # a neighbour, the surface or the pad that is no part of it touches at the same time
+    nodes: tuple[int, int]  # of the surface, that reference and other engine lower; -1 where none is
+    apart: float  # between the points of contact, m
+
+
+@dataclass(frozen=True)
+class KindMatch:
+    """The impacts of one kind, matched."""
+
+    kind: str  # surface | pair | pad
+    impacts: tuple[int, int]  # recorded by the reference and by the other engine
+    matched: int  # of the whole run
+    before: int  # matched before the parting
+    undecided: int  # before it, in one engine only, too near the speed from which impacts are recorded
+    parting: PartingImpact | None
+
+
+@dataclass(frozen=True)
+class LedgerMatch:
+    """The contact ledgers of two runs that start from the same arrays, matched impact by impact."""
+
+    window: float  # s, within which two impacts may be the same
+    explained: float  # m/s, difference of approach speed that late contacts explain
+    touching: float  # m, gap that counts as contact
+    kinds: tuple[KindMatch, ...]
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Two engines on samples that start from the same arrays: what part 3 of the report shows."""
+
+    case: str
+    variant: str
+    engine: str
+    form: str  # of the contacts with surface and pad: impulse | soft
+    pairs: int
+    curves: tuple[EnsembleCurve, ...]
+    planning: tuple[Planning, ...]
+    ledger: LedgerMatch | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A picture for the page that is no plot of a comparison: one of the paper's figures, redrawn."""
+
+    title: str
+    caption: str
+    png: str  # base64
+
+
 @dataclass
 class CaseResult:
     """All that was found for one case."""
@@ -88,6 +197,7 @@ class CaseResult:
     traces: list[Trace] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    ensembles: list[Ensemble] = field(default_factory=list)
 
 
 @dataclass
@@ -99,6 +209,7 @@ class SuiteResult:
     cases: list[CaseResult]
     provenance: dict[str, Any]
     seconds: float = 0.0
+    illustrations: list[Illustration] = field(default_factory=list)
 
     @property
     def comparisons(self) -> list[Comparison]:

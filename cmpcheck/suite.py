@@ -19,11 +19,12 @@ from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
-from cmpcheck.ensembles import compare_ensembles
+from cmpcheck.ensembles import check_settings, compare_ensembles
+from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
-from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
@@ -60,6 +61,7 @@ class Outcome:
     comparisons: list[Comparison] = field(default_factory=list)
     convergences: list[Convergence] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
+    ensembles: list[Ensemble] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -108,7 +110,7 @@ def run_suite(
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
                 if name in variant.engine:
-                    contact_settings(variant, name)
+                    (check_settings if setup.model.has_pad else contact_settings)(variant, name)
             tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
     totals = {case.name: len(case.variants()) for case in loaded}
     outcomes: dict[tuple[str, int], Outcome] = {}
@@ -120,7 +122,13 @@ def run_suite(
     results = [
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
-    return SuiteResult(profile, infos, results, provenance.collect(loaded), time.perf_counter() - begin)
+    result = SuiteResult(profile, infos, results, provenance.collect(loaded))
+    try:
+        result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
+    except Exception as problem:  # pictures must not cost the comparisons
+        results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
+    result.seconds = time.perf_counter() - begin
+    return result
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
@@ -135,6 +143,7 @@ def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
         traces=[trace for outcome in outcomes for trace in outcome.traces],
         notes=list(dict.fromkeys(note for outcome in outcomes for note in outcome.notes)),
         seconds=sum(outcome.seconds for outcome in outcomes),
+        ensembles=[record for outcome in outcomes for record in outcome.ensembles],
     )
 
 
@@ -240,12 +249,14 @@ def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
             continue
         engines = make_engine("reference"), make_engine(name, task.decks)
         try:
-            rows, traces = compare_ensembles(case, engines, task.profile)
+            rows, ensemble = compare_ensembles(
+                case, engines, task.profile, folder=task.folder / case.name / case.variant
+            )
         except Exception as problem:  # whatever an engine does, the other comparisons go on
             outcome.comparisons.append(_failed(task, name, str(problem)))
             continue
         outcome.comparisons += rows
-        outcome.traces += traces
+        outcome.ensembles.append(ensemble)
 
 
 def _keep(task: Task, study: Study) -> None:

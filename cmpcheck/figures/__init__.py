@@ -1,7 +1,7 @@
 """The paper's figures, redrawn from our own equations and runs, as SVG and PNG with captions.
 
 Here stands which runs are made and what is written.  What the figures show is `model.py` (Figs. 2 and 3) and
-`polishing.py` (Figs. 4 to 6); how they look, `canvas.py`.  The report's plots are `plots.py`.
+`polishing.py` (Figs. 4 to 6); how they look, `canvas.py`; how they come into a report, `report.py`.
 """
 
 from __future__ import annotations

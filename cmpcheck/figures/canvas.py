@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from matplotlib.figure import Figure
 # Told apart in grey by lightness, and by line style wherever two lines meet
 INK, BLUE, PALE = "#1a1a1a", "#0b5394", "#d9d9d9"
 DPI = 200
+PAGE_DPI = 130  # of a page, whose size counts
 MICRO = 1e-6
 _STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.titlesize": 9, "figure.titlesize": 10, "figure.titleweight": "bold",
@@ -65,3 +67,10 @@ def save(picture: Picture, folder: Path) -> list[Path]:
     picture.figure.savefig(files[0], metadata={"Date": None, "Title": picture.title})
     picture.figure.savefig(files[1], metadata={"Software": None})
     return files
+
+
+def small_png(picture: Picture) -> bytes:
+    """The figure for a page, the same bytes for the same figure."""
+    buffer = io.BytesIO()
+    picture.figure.savefig(buffer, format="png", dpi=PAGE_DPI, metadata={"Software": None})
+    return buffer.getvalue()
