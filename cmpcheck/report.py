@@ -77,6 +77,7 @@ def report_json(result: SuiteResult) -> str:
             for case in result.cases
             for convergence in case.convergences
         ],
+        "studies": [asdict(study) for study in result.studies],
         "provenance": result.provenance,
         "profile": result.profile,
         "seconds": result.seconds,
@@ -101,6 +102,8 @@ def _plain(value: Any) -> Any:
         return int(value)
     if isinstance(value, numbers.Real):
         return float(value) if math.isfinite(value) else None
+    if hasattr(value, "_asdict"):
+        return _plain(value._asdict())
     if isinstance(value, Mapping):
         return {printable(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, (set, frozenset)):

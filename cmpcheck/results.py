@@ -128,18 +128,26 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class StudyTable:
-    """What one study found; its rows are text, numbers, or means with their standard errors."""
+class Table:
+    """Rows of text, numbers, or means with their standard errors."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str | float | Estimate, ...], ...]
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What one study found."""
 
     name: str
     title: str
     varied: str  # what was varied, what was held, how it was measured
     samples: str  # which case, seed and samples
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[str | float | Estimate, ...], ...]
+    tables: tuple[Table, ...]
     sentence: str  # what a user may rely on, made from the numbers
     charts: tuple[Chart, ...] = ()
-    error: str = ""  # why there is no table
+    error: str = ""  # why nothing was found
     seconds: float = 0.0
 
 
@@ -152,7 +160,7 @@ class SuiteResult:
     cases: list[CaseResult]
     provenance: dict[str, Any]
     seconds: float = 0.0
-    studies: list[StudyTable] = field(default_factory=list)
+    studies: list[StudyResult] = field(default_factory=list)
 
     @property
     def comparisons(self) -> list[Comparison]:

@@ -93,6 +93,8 @@ def _simulate(
     lmp: Any, deck: Deck, setup: Setup, resolution: Resolution, stride: int, time_step: float
 ) -> Run:
     """Read the definitions, create the atoms, attach the fix, run from output to output."""
+    if setup.model.new_contacts_only:
+        raise EngineError("removal.new_contacts_only is true; allowed with LAMMPS: false, its fix has no such rule")
     execute(lmp, deck.definitions(), deck.path)
     native = deck.external_fix is None
     if native:

@@ -1,14 +1,14 @@
 """Which studies there are, and running them; what a study finds is its own file's.
 
-A study is a function `(profile: str, runs: Path) -> StudyTable` at the top level of a file of its own, so
+A study is a function `(profile: str, runs: Path) -> StudyResult` at the top level of a file of its own, so
 that a worker process can import it.  It gets
 
 - profile, "quick" or "full": how many samples it takes.  Its numbers of samples are constants of its file;
 - runs, a folder that outlives the report, for run folders too dear to lose; most studies need none.
 
 It runs its samples one after the other through `reference.ensemble.run_samples`, and returns a record of
-plain numbers: no page, no file, no clock.  Studies run side by side, one process each, so a study gives the
-same table for any number of workers.  What it raises becomes a table with `error` set; the others go on.
+plain numbers: no page, no file, no clock.  Studies run side by side, one process each, so a study finds the
+same for any number of workers.  What it raises becomes a result with `error` set; the others go on.
 
 To add one: write `cmpcheck/studies/NAME.py` with a function `study`, and enter it in `STUDIES`.
 """
@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cmpcheck.pool import problem_of, run_tasks
-from cmpcheck.results import StudyTable
+from cmpcheck.results import StudyResult
 
-StudyFunction = Callable[[str, Path], StudyTable]
+StudyFunction = Callable[[str, Path], StudyResult]
 STUDIES: dict[str, StudyFunction] = {}  # the longest first, for they are begun in this order
 
 
@@ -38,29 +38,29 @@ class StudyTask:
 
 def run_studies(
     names: Sequence[str], profile: str, runs: Path, jobs: int, progress: Callable[[str], None] | None = None
-) -> list[StudyTable]:
-    """The tables of these studies, in the registry's order.
+) -> list[StudyResult]:
+    """What these studies found, in the registry's order.
 
     Parameters: profile quick | full; runs, the folder of run folders that outlive the report; jobs,
     processes; progress, called with the name of each study that is done.
     """
     tasks = [StudyTask(name, profile, runs) for name in STUDIES if name in names]
-    tables = {}
+    results = {}
     for task, future in run_tasks(run_study, tasks, jobs):
         problem = problem_of(future)
-        tables[task.name] = failed(task.name, problem) if problem else future.result()
+        results[task.name] = failed(task.name, problem) if problem else future.result()
         if progress is not None:
             progress(task.name)
-    return [tables[task.name] for task in tasks]
+    return [results[task.name] for task in tasks]
 
 
-def run_study(task: StudyTask) -> StudyTable:
+def run_study(task: StudyTask) -> StudyResult:
     """Run one study here and say how long it took."""
     begin = time.perf_counter()
-    table = STUDIES[task.name](task.profile, task.runs)
-    return replace(table, seconds=time.perf_counter() - begin)
+    result = STUDIES[task.name](task.profile, task.runs)
+    return replace(result, seconds=time.perf_counter() - begin)
 
 
-def failed(name: str, reason: str) -> StudyTable:
+def failed(name: str, reason: str) -> StudyResult:
     """The entry of a study that could not be finished."""
-    return StudyTable(name, name.replace("_", " "), "", "", (), (), "", error=reason)
+    return StudyResult(name, name.replace("_", " "), "", "", (), "", error=reason)
