@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from cmpcheck.display import number, printable, scale, words
+from cmpcheck.display import number, printable, scale
 from cmpcheck.plots import MARKERS
 from cmpcheck.results import Chart, Column
 from cmpcheck.svg import COLOURS, styled, svg_text
@@ -68,7 +68,7 @@ def _scale(column: Column, values: Iterable[float]) -> tuple[float, str]:
 
 
 def _axis_label(column: Column, unit: str) -> str:
-    return f"{words(column.name)} ({unit})" if unit else words(column.name)
+    return printable(f"{column.name} ({unit})" if unit else column.name)
 
 
 def _label_values(axis, values: np.ndarray) -> None:  # type: ignore[no-untyped-def]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from cmpcheck.display import number, printable, scale, uncertain, words
+from cmpcheck.display import number, printable, scale, uncertain
 from cmpcheck.results import Column, Estimate, StudyResult, SuiteResult, Table
 from cmpcheck.studies.tables import csv_names
 
@@ -77,7 +77,7 @@ def _column(column: Column, cells: list[str | float | Estimate]) -> tuple[str, l
     values = [cell.value if isinstance(cell, Estimate) else cell for cell in cells]
     sizes: Iterable[float] = (abs(v) for v in values if not isinstance(v, str) and math.isfinite(v))
     factor, unit = scale(max(sizes, default=0.0), column.unit)
-    name = f"{words(column.name)} ({unit})" if unit else words(column.name)
+    name = printable(f"{column.name} ({unit})" if unit else column.name)
     return name, [_text(cell, factor) for cell in cells]
 
 

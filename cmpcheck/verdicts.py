@@ -111,7 +111,8 @@ def exit_code(result: SuiteResult, strict: bool = False) -> int:
     for the command line, which knows what was requested.
     """
     word = verdict(result)
-    return int(word == "disagree" or not result.comparisons or (strict and word != "agree"))
+    empty = not result.comparisons and not result.studies
+    return int(word == "disagree" or empty or (strict and word != "agree"))
 
 
 def engine_names(result: SuiteResult) -> list[str]:

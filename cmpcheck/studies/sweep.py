@@ -5,8 +5,9 @@ Each study that varies one thing and asks what becomes of the result is a list o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import pandas as pd
 
@@ -22,10 +23,11 @@ UNITS = {"flatness": "1", "removals": "1", "removed_volume": "m3"}
 
 @dataclass(frozen=True)
 class Setting:
-    """One row: what stands in its first columns, and the case that it means."""
+    """One row: what stands in its first columns, the case that it means, and what a run of it is asked for."""
 
     cells: tuple[str | float, ...]
     case: Case
+    observe: Callable[[Case], pd.Series] = final_row
 
 
 @dataclass(frozen=True)
@@ -38,14 +40,9 @@ class Found:
     difference: dict[str, Estimate]  # of Pi; of the others in parts of the base's mean
 
 
-def sweep(
-    settings: Sequence[Setting],
-    base: int,
-    samples: int,
-    observe: Callable[[Case], pd.Series] = final_row,
-) -> list[Found]:
+def sweep(settings: Sequence[Setting], base: int, samples: int) -> list[Found]:
     """Run the same samples at every setting; differences are to the setting number `base`, by seed."""
-    frames = [sample_rows(setting.case, samples, observe) for setting in settings]
+    frames = [sample_rows(setting.case, samples, setting.observe) for setting in settings]
     found = []
     for setting, rows in zip(settings, frames, strict=True):
         difference = {q: estimate(rows[q] - frames[base][q]) for q in ABSOLUTE}
@@ -55,22 +52,30 @@ def sweep(
     return found
 
 
-def sweep_table(caption: str, head: Sequence[Column], found: Sequence[Found], base: str) -> Table:
+def sweep_table(
+    caption: str,
+    head: Sequence[Column],
+    found: Sequence[Found],
+    base: str,
+    extra: Mapping[str, Column] = MappingProxyType({}),
+) -> Table:
     """The table of a sweep.
 
-    Parameters: head, the columns of the settings' cells; base, what the differences are to.
+    Parameters: head, the columns of the settings' cells; base, what the differences are to; extra, more
+    columns by the names of what was observed.
     """
     columns = [*head, Column("seeds")]
     for q in NAMES:
         columns.append(Column(NAMES[q], UNITS[q]))
         columns.append(Column(f"change from {base}", "1" if q in ABSOLUTE else "%"))
+    columns += extra.values()
     rows = []
     for one in found:
         row: list[str | float | Estimate] = [*one.setting.cells, float(len(one.rows))]
         for q in NAMES:
             change = one.difference[q]
             row += [one.mean[q], change if q in ABSOLUTE else Estimate(*(100 * x for x in change))]
-        rows.append(tuple(row))
+        rows.append((*row, *(estimate(one.rows[name]) for name in extra)))
     return Table(caption, tuple(columns), tuple(rows))
 
 

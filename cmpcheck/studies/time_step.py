@@ -1,0 +1,165 @@
+"""Convergence in the time step: flatness, removals and volume against gamma, under both rules of removal.
+
+A particle wedged between pad and flank, pressed by the flow, is struck at every second step for as long as it
+stays: the number of those impacts is set by the step.  With `removal.new_contacts_only` they remove nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from cmpcheck.results import Chart, Column, Curve, StudyResult
+from cmpcheck.studies.sampling import changed, held, samples_of
+from cmpcheck.studies.sweep import Found, Setting, curve, sweep, sweep_table
+from reference import simulate
+from reference.case import Case, load_case
+
+CASE, EXAMPLE = "polish_pair", "polish"
+GAMMAS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125)
+EXAMPLE_GAMMAS = GAMMAS[:4]  # 10 s a sample at 0.01
+SAMPLES = {"quick": 3, "full": 8}
+EXAMPLE_SAMPLES = {"quick": 0, "full": 3}
+HEIGHT = 1.2e-6  # m: an abrasive does not pass between an asperity and a pad held here
+SLOW = {"removal": {"acceleration": 10.0}, "case": {"duration": 500e-6}}
+SAME_FLATNESS, SAME_RELATIVE = 0.01, 0.03  # differences that matter to nobody
+SAME_ERRORS = 2.0  # standard errors: a smaller difference is not told from none
+AGAIN = 2.5  # steps since the last removal by the same particle
+
+
+class Block(NamedTuple):
+    """One setting with one rule, at every step."""
+
+    name: str
+    rule: str
+    found: list[Found]
+
+    @property
+    def converged(self) -> float | None:
+        """The largest gamma from which on nothing changes that matters; None if only the finest is left."""
+        fine = None
+        for one in reversed(self.found[:-1]):
+            if not _same(one):
+                break
+            fine = float(one.setting.cells[2])
+        return fine
+
+    @property
+    def change(self) -> float:
+        """The largest relative change of removals between a step and the half of it."""
+        counts = [one.mean["removals"].value for one in self.found]
+        return max(abs(a / b - 1.0) for a, b in zip(counts, counts[1:], strict=False))
+
+
+def study(profile: str, runs: Path) -> StudyResult:
+    """Flatness, removals and volume against the time step, with both rules of removal."""
+    (case,), (example,) = load_case(CASE).variants(), load_case(EXAMPLE).variants()
+    n, few = SAMPLES[profile], EXAMPLE_SAMPLES[profile]
+    a = case.removal.acceleration if case.removal else 1.0
+    settings = {
+        f"pad descends, A = {a:g}": case,
+        f"pad held at {HEIGHT * 1e6:g} µm, A = {a:g}": held(case, HEIGHT),
+        f"pad held at {HEIGHT * 1e6:g} µm, A = 10": held(case, HEIGHT, **SLOW),
+    }
+    blocks = [
+        _block(name, setting, new, GAMMAS, n) for name, setting in settings.items() for new in (False, True)
+    ]
+    if few:
+        blocks.append(_block(f"{EXAMPLE}, pad descends, A = 100", example, False, EXAMPLE_GAMMAS, few))
+    head = [Column("setting"), Column("removing"), Column("gamma"), Column("time step", "s"), Column("2 U dt/tau", "m/s")]
+    held_blocks = blocks[4:6]
+    return StudyResult(
+        name="time_step",
+        title="The time step, and which impacts remove",
+        varied="γ of the time step Δt = γ d/V_pad, and whether a particle that stays in contact goes on removing. "
+        f"Changes are to the finest step of the same setting and rule, by seed. The pad is held at "
+        f"{HEIGHT * 1e6:g} µm, where no abrasive passes over an asperity; at A = 10 it takes 40 times as many "
+        "impacts to clear one away as at A = 400.",
+        samples=samples_of(case, n) + (f" {samples_of(example, few)}" if few else ""),
+        tables=(
+            sweep_table(
+                "Polishing at several time steps, ± standard error", head,
+                [one for block in blocks for one in block.found], "the finest",
+                {"again": Column("struck again within 2 steps", "%")},
+            ),
+        ),
+        sentence=_sentence(blocks),
+        charts=tuple(
+            Chart(
+                f"{what} against the time step, {held_blocks[0].name}, ± standard error",
+                Column("time step", "s"), Column(what, unit),
+                tuple(curve(block.rule, block.found, quantity, 3) for block in held_blocks), logarithmic=True,
+            )
+            for what, unit, quantity in (("removals", "1", "removals"), ("removed volume", "m3", "removed_volume"))
+        ),
+    )  # fmt: skip
+
+
+def last_with_repeats(case: Case) -> pd.Series:
+    """The history at the end, and the share of removals (%) that follow one of the same particle at once."""
+    run = simulate(case)
+    removals = run.contacts[run.contacts["removed_volume"] > 0.0].sort_values(["i", "time"])
+    since = removals.groupby("i")["time"].diff()
+    step = run.times[-1] / run.provenance["steps"]
+    again = 100.0 * float((since <= AGAIN * step).mean()) if len(removals) else 0.0
+    return pd.concat([run.history.iloc[-1], pd.Series({"again": again})])
+
+
+def _block(name: str, case: Case, new_only: bool, gammas: Sequence[float], samples: int) -> Block:
+    rule = "new contacts only" if new_only else "every impact"
+    diameter, speed = case.particles.mean_diameter, case.pad.speed  # type: ignore[union-attr]
+    density = case.material[case.particles.material].density  # type: ignore[union-attr]
+    relaxation = density * diameter**2 / (18.0 * case.fluid.viscosity)  # type: ignore[union-attr]
+    settings = []
+    for gamma in gammas:
+        step = gamma * diameter / speed
+        changes: dict[str, Any] = {"numerics": {"gamma": gamma}, "removal": {"new_contacts_only": new_only}}
+        cells = (name, rule, gamma, step, 2.0 * speed * step / relaxation)
+        settings.append(Setting(cells, changed(case, **changes), last_with_repeats))
+    return Block(name, rule, sweep(settings, len(settings) - 1, samples))
+
+
+def _same(one: Found) -> bool:
+    """Whether no difference to the finest step matters, or is told from none."""
+    limits = {"flatness": SAME_FLATNESS, "removals": SAME_RELATIVE, "removed_volume": SAME_RELATIVE}
+    return all(
+        abs(change.value) <= max(limits[q], SAME_ERRORS * change.standard_error)
+        for q, change in one.difference.items()
+    )
+
+
+def _sentence(blocks: Sequence[Block]) -> str:
+    parts = []
+    for block in blocks:
+        where = f"{block.name}, {block.rule}"
+        share = block.found[-1].rows["again"].mean()
+        if block.converged is None:
+            parts.append(
+                f"{where}: not converged, halving the step changes the removals by up to {100 * block.change:.0f} %"
+            )
+        else:
+            parts.append(
+                f"{where}: converged from γ = {block.converged:g} on ({share:.0f} % of the removals are repeated)"
+            )
+    largest = max(
+        change.standard_error
+        for block in blocks for one in block.found for q, change in one.difference.items() if q == "flatness"
+    )  # fmt: skip
+    loose = [block for block in blocks if block.converged is None and block.rule == "every impact"]
+    cured = [
+        block.name for block in blocks
+        if block.rule != "every impact" and block.converged and block.name in [b.name for b in loose]
+    ]  # fmt: skip
+    advice = (
+        f" Where abrasives stay wedged ({'; '.join(cured)}), use removal.new_contacts_only, which converges."
+        if cured
+        else ""
+    )
+    return (
+        "; ".join(parts) + f". Converged means: Π within {SAME_FLATNESS:g} of the finest step, removals and volume "
+        f"within {100 * SAME_RELATIVE:.0f} %, or within two standard errors (of Π at most {largest:.3f}).{advice}"
+    )
