@@ -17,14 +17,14 @@ import typer
 from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 
-RUNS = Path("runs")  # run folders that outlive a report
-
-
 class Profile(StrEnum):
     """How much is run."""
 
     quick = "quick"
     full = "full"
+
+
+RUNS = Path("runs")  # run folders that outlive a report
 
 
 def main() -> None:

@@ -57,9 +57,7 @@ def printed_studies(result: SuiteResult) -> list[PrintedStudy]:
 
 def printed_tables(study: StudyResult) -> list[PrintedTable]:
     """The study's tables with every cell as text."""
-    return [
-        _printed(table, file) for table, file in zip(study.tables, csv_names(study), strict=True)
-    ]
+    return [_printed(table, file) for table, file in zip(study.tables, csv_names(study), strict=True)]
 
 
 def _printed(table: Table, file: str) -> PrintedTable:
@@ -69,7 +67,9 @@ def _printed(table: Table, file: str) -> PrintedTable:
         header.append(name)
         cells.append(texts)
         numeric.append(not any(isinstance(row[k], str) and row[k] for row in table.rows))
-    return PrintedTable(printable(table.caption), header, [list(row) for row in zip(*cells, strict=True)], numeric, file)
+    return PrintedTable(
+        printable(table.caption), header, [list(row) for row in zip(*cells, strict=True)], numeric, file
+    )
 
 
 def _column(column: Column, cells: list[str | float | Estimate]) -> tuple[str, list[str]]:

@@ -123,6 +123,7 @@ def run_suite(
     results = [
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
+
     def study_done(name: str) -> None:
         if progress is not None:
             progress(name, 1, 1)

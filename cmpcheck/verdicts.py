@@ -201,5 +201,7 @@ def gaps(result: SuiteResult) -> list[str]:
         sentences.append("No case was run.")
     broken = [study.name for study in result.studies if study.error]
     if broken:
-        sentences.append(f"{'These studies' if len(broken) > 1 else 'This study'} failed: {', '.join(broken)}.")
+        sentences.append(
+            f"{'These studies' if len(broken) > 1 else 'This study'} failed: {', '.join(broken)}."
+        )
     return sentences

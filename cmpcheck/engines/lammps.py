@@ -94,7 +94,9 @@ def _simulate(
 ) -> Run:
     """Read the definitions, create the atoms, attach the fix, run from output to output."""
     if setup.model.new_contacts_only:
-        raise EngineError("removal.new_contacts_only is true; allowed with LAMMPS: false, its fix has no such rule")
+        raise EngineError(
+            "removal.new_contacts_only is true; allowed with LAMMPS: false, its fix has no such rule"
+        )
     execute(lmp, deck.definitions(), deck.path)
     native = deck.external_fix is None
     if native:

@@ -1,7 +1,8 @@
-"""Whether a run that is accelerated by A stands for one without acceleration: Pi(T) against A at equal A T."""
+"""Whether a run that is accelerated by A stands for one that is not: Pi(T) against A at equal A T."""
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 from cmpcheck.display import uncertain
@@ -29,8 +30,8 @@ def study(profile: str, runs: Path) -> StudyResult:
     return StudyResult(
         name="acceleration",
         title="Acceleration of removal",
-        varied=f"A, by which the removal of each impact and the descent of the pad are multiplied, with A T = "
-        f"{WHOLE:g} s held; all else as in the case.",
+        varied="A, by which the removal of each impact and the descent of the pad are multiplied, with A "
+        f"T = {WHOLE:g} s held; all else as in the case.",
         samples=samples_of(case, n),
         tables=(
             sweep_table(
@@ -50,23 +51,29 @@ def study(profile: str, runs: Path) -> StudyResult:
 
 def _sentence(found: list[Found]) -> str:
     last = found[-1]
-    steps = zip(found, found[1:], strict=False)
+    steps = itertools.pairwise(found)
     removals = [after.mean["removals"].value / before.mean["removals"].value for before, after in steps]
-    growth = f"each halving of A multiplies the number of removals by {min(removals):.2f} to {max(removals):.2f}"
+    growth = (
+        f"each halving of A multiplies the number of removals by {min(removals):.2f} to {max(removals):.2f}"
+    )
     beyond = [one for one in found[:-1] if _clear(one)]
     if not beyond:
         worst = max(found[:-1], key=lambda one: abs(one.difference["flatness"].value))
         change = uncertain(*worst.difference["flatness"])
         return (
-            f"Π(T) does not depend on A within the errors: the largest change from A = {FACTORS[-1]:g} is {change}, "
-            f"at A = {worst.setting.cells[0]:g}; {growth}."
+            f"Π(T) does not depend on A within the errors: the largest change from A = {FACTORS[-1]:g} is "
+            f"{change}, at A = {worst.setting.cells[0]:g}; {growth}."
         )
     first = found[0]
     settled = [one.setting.cells[0] for one in found[:-1] if not _clear(one)]
-    until = f"; up to A = {max(settled):g} it is that of A = {FACTORS[-1]:g} within two standard errors" if settled else ""
+    until = (
+        f"; up to A = {max(settled):g} it is that of A = {FACTORS[-1]:g} within two standard errors"
+        if settled
+        else ""
+    )
     return (
-        f"An accelerated run stands for a slower one only roughly: Π(T) at A = {FACTORS[0]:g} differs from that at "
-        f"A = {FACTORS[-1]:g}, {last.mean['flatness'].value:.3f}, by "
+        f"An accelerated run stands for a slower one only roughly: Π(T) at A = {FACTORS[0]:g} differs from "
+        f"that at A = {FACTORS[-1]:g}, {last.mean['flatness'].value:.3f}, by "
         f"{uncertain(*first.difference['flatness'])}{until}; {growth}."
     )
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cmpcheck.display import uncertain
-from cmpcheck.results import Chart, Column, Curve, StudyResult, Table
+from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
 from cmpcheck.statistics import mean_band
 from cmpcheck.studies.sampling import estimate, samples_of
 from reference import simulate
@@ -41,22 +41,22 @@ def study(profile: str, runs: Path) -> StudyResult:
     courses = run_samples(case, range(n), course)
     particles, fluid, flat = (np.array(curves) for curves in zip(*courses, strict=True))
     part = np.linspace(0.0, 1.0, particles.shape[1])
-    rows = []
+    rows: list[tuple[float | Estimate, ...]] = []
     for t in PARTS:
         k = round(t * (len(part) - 1))
         cells = (particles[:, k], fluid[:, k], particles[:, k] / fluid[:, k], flat[:, k])
         rows.append((t, float(n), *(estimate(values) for values in cells)))
     band = mean_band(particles)
     charts = [
-        Curve("particles, 95 % band", tuple(part), *map(tuple, band)),
+        Curve("particles, 95 % band", tuple(part), tuple(band.mean), tuple(band.lower), tuple(band.upper)),
         Curve("fluid around them", tuple(part), tuple(fluid.mean(axis=0))),
         Curve("Π", tuple(part), tuple(flat.mean(axis=0))),
     ]
     return StudyResult(
         name="particle_speed",
         title="How fast particles move as the surface flattens",
-        varied="Nothing but time: mean v_x of all particles, and mean u = V_pad z/H at their centres, in parts "
-        "of V_pad.",
+        varied="Nothing but time: mean v_x of all particles, and mean u = V_pad z/H at their centres, in "
+        "parts of V_pad.",
         samples=samples_of(case, n),
         tables=(
             Table(
@@ -69,7 +69,8 @@ def study(profile: str, runs: Path) -> StudyResult:
         sentence=_sentence(particles, fluid, flat),
         charts=(
             Chart(
-                "Mean velocity of the particles and of the fluid at their heights, and flatness", Column("t/T"),
+                "Mean velocity of the particles and of the fluid at their heights, and "
+                "flatness", Column("t/T"),
                 Column("in parts of V_pad, and Π"), tuple(charts),
             ),
         ),
@@ -95,17 +96,24 @@ def _sentence(particles: np.ndarray, fluid: np.ndarray, flat: np.ndarray) -> str
     rise, fall = estimate(particles[:, top] - particles[:, 0]), estimate(particles[:, -1] - particles[:, top])
     whole, ratio = estimate(particles[:, -1] - particles[:, 0]), particles / fluid
     gain = estimate(ratio[:, -1] - ratio[:, 0])
-    course = f"Mean v_x/V_pad is {values[0]} at first, {values[1]} at its maximum at t/T = {at:.2f}, and {values[2]} at the end"
+    course = f"Mean v_x/V_pad is {values[0]} at first, {values[1]} at its maximum at t/T = {at:.2f}, and "
+    f"{values[2]} at the end"
     if rise.value > CLEAR * rise.standard_error and -fall.value > CLEAR * fall.standard_error:
         verdict = (
-            f"particles move faster while Π falls to {flat[:, top].mean():.2f}, as the paper says, and slower again "
-            "after that"
+            f"particles move faster while Π falls to {flat[:, top].mean():.2f}, as the paper says, and "
+            "slower again after that"
         )
     elif whole.value > CLEAR * whole.standard_error:
         verdict = "particles move faster as the surface flattens, as the paper says"
     else:
         verdict = "no rise is told from none, other than the paper says"
-    relative = "rises" if gain.value > CLEAR * gain.standard_error else "falls" if -gain.value > CLEAR * gain.standard_error else "does not change clearly"
+    relative = (
+        "rises"
+        if gain.value > CLEAR * gain.standard_error
+        else "falls"
+        if -gain.value > CLEAR * gain.standard_error
+        else "does not change clearly"
+    )
     return (
         f"{course}: {verdict}. Relative to the fluid at their heights, whose speed goes from "
         f"{fluid[:, 0].mean():.2f} to {fluid[:, -1].mean():.2f}, their speed {relative}: v_x/u changes by "

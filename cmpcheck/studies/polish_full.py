@@ -1,7 +1,7 @@
 """The paper's example without acceleration, a whole second: the shape of Pi(t) against Fig. 6, and its cost.
 
-One run of a quarter of an hour.  It lies in the folder `polish_full` of the runs that outlive the report, where
-`cmpcheck run polish_full` puts it, and is read from there when it is whole.
+One run of a quarter of an hour.  It lies in the folder `polish_full` of the runs that outlive the report,
+where `cmpcheck run polish_full` puts it, and is read from there when it is whole.
 """
 
 from __future__ import annotations
@@ -34,11 +34,15 @@ def study(profile: str, runs: Path) -> StudyResult:
     table = []
     for part in PARTS:
         row = history.iloc[round(part * (len(history) - 1))]
-        table.append((row.time, row.flatness, row.pad_height, row.removals, row.removed_volume, row.mean_velocity_x))
+        table.append(
+            (row.time, row.flatness, row.pad_height, row.removals, row.removed_volume, row.mean_velocity_x)
+        )
     work = steps * particles
     cost = f"{number(steps, 3)} steps of {particles} particles"
     if math.isfinite(seconds):
-        cost += f" took {duration(seconds)}, {number(work / seconds / 1e6, 3)} million particle-steps per second"
+        cost += (
+            f" took {duration(seconds)}, {number(work / seconds / 1e6, 3)} million particle-steps per second"
+        )
     return StudyResult(
         name=CASE,
         title="The paper's example, a whole second",
@@ -75,6 +79,7 @@ def the_run(case: Case, folder: Path, may_run: bool) -> Run:
         return run
     if not may_run:
         raise ValueError(
-            f"no complete run of {case.name} in {folder}; made by --profile full, or by: cmpcheck run {case.name}"
+            f"no complete run of {case.name} in {folder}; made by --profile full, or by: cmpcheck run "
+            f"{case.name}"
         )
     return simulate(case, out=folder)

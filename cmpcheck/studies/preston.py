@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from cmpcheck.results import Chart, Column, Curve, StudyResult, Table
+from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
 from cmpcheck.studies.sampling import (
     HELD,
     Power,
@@ -52,30 +52,32 @@ def study(profile: str, runs: Path) -> StudyResult:
     )
     found = {s: sample_rows(_setting(case, *s), n, rate_at_equal_flatness) for s in settings}
     fits = exponents(found)
-    rows = [
+    rows: list[tuple[float | Estimate, ...]] = [
         (v, float(count), h, float(n), *(estimate(frame[q]) for q in ("load", *RATES, "way")))
         for (v, count, h), frame in found.items()
     ]
     return StudyResult(
         name="preston",
         title="Preston's law",
-        varied=f"V_pad, N and, by the height H at which the pad is held, its load, one at a time from "
-        f"{SPEED:g} m/s, {COUNT}, {HEIGHT * 1e6:g} µm. The surface wears (A as in the case), and each rate is "
-        f"what was removed until Π = {MATCHED:g} by the time that it took, so that all rates belong to equally "
-        "worn surfaces; on a frozen one abrasives stay wedged under the pad, and no state is stationary. The pad "
-        "is led, not loaded: its load P is the sum of its impulses by time and area. γ = 0.005.",
+        varied="V_pad, N and, by the height H at which the pad is held, its load, one at a time from "
+        f"{SPEED:g} m/s, {COUNT}, {HEIGHT * 1e6:g} µm. The surface wears (A as in the case), and each rate "
+        f"is what was removed until Π = {MATCHED:g} by the time that it took, so that all rates belong to "
+        "equally worn surfaces; on a frozen one abrasives stay wedged under the pad, and no state is "
+        "stationary. The pad is led, not loaded: its load P is the sum of its impulses by time and area. "
+        "γ = 0.005.",
         samples=samples_of(case, n),
         tables=(
             Table(
                 "Rates and loads, ± standard error",
-                (Column("V_pad", "m/s"), Column("N"), Column("H", "m"), Column("seeds"), Column("load P", "Pa"),
-                 Column("volume rate", "m3/s"), Column("depth rate", "m/s"), Column("way V t", "m")),
+                (Column("V_pad", "m/s"), Column("N"), Column("H", "m"), Column("seeds"),
+                 Column("load P", "Pa"), Column("volume rate", "m3/s"), Column("depth rate", "m/s"),
+                 Column("way V t", "m")),
                 tuple(rows),
             ),
             Table(
                 "Exponents, ± standard error, with their 95 % intervals",
-                (Column("of"), Column("in"), Column("varied"), Column("exponent"), Column("from"), Column("to"),
-                 Column("Preston's law")),
+                (Column("of"), Column("in"), Column("varied"), Column("exponent"), Column("from"),
+                 Column("to"), Column("Preston's law")),
                 tuple(
                     (of, within, varied, fit.exponent, *fit.interval, law)
                     for (of, within, varied), (fit, law) in fits.items()
@@ -97,7 +99,9 @@ def rate_at_equal_flatness(case: Case) -> pd.Series:
     descending = PAD_DESCENT * case.case.duration
     below = np.flatnonzero(history.flatness.to_numpy() <= MATCHED)
     if not below.size or history.time[below[0]] > descending:
-        raise ValueError(f"Π = {MATCHED:g} is not reached in {descending:g} s, sample of seed {case.case.seed}")
+        raise ValueError(
+            f"Π = {MATCHED:g} is not reached in {descending:g} s, sample of seed {case.case.seed}"
+        )
     k = int(below[0])
     part = (history.flatness[k - 1] - MATCHED) / (history.flatness[k - 1] - history.flatness[k])
     row = history.iloc[k - 1] + part * (history.iloc[k] - history.iloc[k - 1])
@@ -151,7 +155,7 @@ def exponents(
 
 
 def _setting(case: Case, speed: float, count: int, height: float) -> Case:
-    sections = {
+    sections: dict[str, dict[str, Any]] = {
         "case": {"duration": WAY / speed, "outputs": 401},
         "particles": {"count": count},
         "pad": {"speed": speed},
@@ -168,7 +172,8 @@ def _sentence(fits: Mapping[tuple[str, str, str], tuple[Power, float]]) -> str:
         speed = fits[name, "V_pad at equal P", "V_pad and H"][0]
         held_law[name] = load.holds(1.0) and speed.holds(1.0)
         texts.append(
-            f"the {name} goes as P^({load.text()}) V_pad^({speed.text()}) and N^({fits[name, 'N', 'N'][0].text()})"
+            f"the {name} goes as P^({load.text()}) V_pad^({speed.text()}) and "
+            f"N^({fits[name, 'N', 'N'][0].text()})"
         )
     law = (
         "Preston's law, P^1 V^1, holds"
@@ -180,8 +185,9 @@ def _sentence(fits: Mapping[tuple[str, str, str], tuple[Power, float]]) -> str:
         + " only"
     )
     return (
-        f"At equal flatness {' and '.join(texts)} (95 % intervals), the load itself as V_pad^"
-        f"({fits['load', 'V_pad', 'V_pad'][0].text()}) where the pad is held: within these intervals {law}."
+        f"At equal flatness {' and '.join(texts)} (95 % intervals), the load itself as "
+        f"V_pad^({fits['load', 'V_pad', 'V_pad'][0].text()}) where the pad is held: within these intervals "
+        f"{law}."
     )
 
 

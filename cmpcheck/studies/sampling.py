@@ -21,10 +21,9 @@ from reference import simulate
 from reference.case import Case
 from reference.case_sections import Variant
 from reference.ensemble import run_samples
-from reference.recording import Run
 
 CONFIDENCE = 0.95
-HELD = 1e-12  # m: a pad that comes down by so little does not move, but its work shows the sum of its impulses
+HELD = 1e-12  # m: a pad that comes down by so little stands still, but its work shows its impulses
 
 
 def changed(case: Case, /, **sections: Mapping[str, Any]) -> Case:

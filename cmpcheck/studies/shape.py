@@ -46,17 +46,17 @@ class Shape:
             else f"no scratch raises it (by {self.rise:.1g} at most)"
         )
         return (
-            f"Π is unchanged until t = {self.unchanged_until:.3g} {unit}; its fall between {self.fall_from:.3g} "
-            f"and {self.fall_to:.3g} {unit} is {linear}, with a slope of {self.slope:.3g} per {unit} "
-            f"(R² = {self.r_squared:.3f}); {level}; {scratch}."
+            f"Π is unchanged until t = {self.unchanged_until:.3g} {unit}; its fall between "
+            f"{self.fall_from:.3g} and {self.fall_to:.3g} {unit} is {linear}, with a slope of "
+            f"{self.slope:.3g} per {unit} (R² = {self.r_squared:.3f}); {level}; {scratch}."
         ).replace("-", "−")
 
 
 def shape_of(times: ArrayLike, flatness: ArrayLike) -> Shape:
     """The shape of a curve Pi(t), (T,) each.
 
-    The fall is where the curve makes the middle 80 % of its whole drop.  It has levelled off from where on the
-    mean slope to the end, and that of each tenth of the time, is below a fifth of the fall's.
+    The fall is where the curve makes the middle 80 % of its whole drop.  It has levelled off from where on
+    the mean slope of every tenth of the time is below a fifth of the fall's.
     Raises ValueError where Pi does not fall by more than 2 %.
     """
     t, pi = np.asarray(times, dtype=float), np.asarray(flatness, dtype=float)

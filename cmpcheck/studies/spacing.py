@@ -80,10 +80,10 @@ def study(profile: str, runs: Path) -> StudyResult:
     return StudyResult(
         name="spacing",
         title="The spacing of the nodes",
-        varied="The number of nodes n along each side. The surface is the same in all rows, that of the case with "
-        "nodes added on it; what changes is where removal goes. `node_depth` lowers the nearest node, whose share "
-        f"of the area goes as 1/n²; `volume`, here with an A {VOLUME_FACTOR:g} times as large for a similar Π(T), "
-        "takes a volume off the struck triangle.",
+        varied="The number of nodes n along each side. The surface is the same in all rows, that of the "
+        "case with nodes added on it; what changes is where removal goes. `node_depth` lowers the nearest "
+        f"node, whose share of the area goes as 1/n²; `volume`, here with an A {VOLUME_FACTOR:g} times as "
+        "large for a similar Π(T), takes a volume off the struck triangle.",
         samples=samples_of(case, n),
         tables=(
             sweep_table(
@@ -113,6 +113,7 @@ def _sentence(found: list[list[Found]]) -> str:
     advice = (
         f"No dependence of Π on the spacing is told from none with {' and '.join(map(str, steady))}"
         if steady
-        else "Π depends on the spacing under each of these rules, so that the number of nodes belongs to the model"
+        else "Π depends on the spacing under each of these rules, so that the number of nodes belongs to "
+        "the model"
     )
     return f"From n = {first:g} to {last:g}: " + "; ".join(parts) + f". {advice}."

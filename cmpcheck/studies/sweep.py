@@ -23,7 +23,7 @@ UNITS = {"flatness": "1", "removals": "1", "removed_volume": "m3"}
 
 @dataclass(frozen=True)
 class Setting:
-    """One row: what stands in its first columns, the case that it means, and what a run of it is asked for."""
+    """One row: what stands in its first columns, its case, and what a run of it is asked for."""
 
     cells: tuple[str | float, ...]
     case: Case

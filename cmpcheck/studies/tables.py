@@ -15,6 +15,7 @@ def csv_frame(table: Table) -> pd.DataFrame:
     columns: dict[str, list[object]] = {}
     for k, column in enumerate(table.columns):
         cells = [row[k] for row in table.rows]
+        errors: list[object]
         columns[_heading(column)] = [cell.value if isinstance(cell, Estimate) else cell for cell in cells]
         if any(isinstance(cell, Estimate) for cell in cells):
             errors = [cell.standard_error if isinstance(cell, Estimate) else None for cell in cells]

@@ -25,9 +25,9 @@ def study(profile: str, runs: Path) -> StudyResult:
     by_removals = power(THRESHOLDS, [one.rows["removals"] for one in found])
     by_volume = power(THRESHOLDS, [one.rows["removed_volume"] for one in found])
     sentence = (
-        f"From {THRESHOLDS[0]:g} to {THRESHOLDS[-1]:g} m/s, a factor of {THRESHOLDS[-1] / THRESHOLDS[0]:g}, the "
-        f"number of removals goes as the threshold to the power {by_removals.text()}, the removed volume to the "
-        f"power {by_volume.text()}, and Π(T) rises from {low.mean['flatness'].value:.2f} to "
+        f"From {THRESHOLDS[0]:g} to {THRESHOLDS[-1]:g} m/s, a factor of {THRESHOLDS[-1] / THRESHOLDS[0]:g}, "
+        f"the number of removals goes as the threshold to the power {by_removals.text()}, the removed "
+        f"volume to the power {by_volume.text()}, and Π(T) rises from {low.mean['flatness'].value:.2f} to "
         f"{high.mean['flatness'].value:.2f}: "
     )
     sentence += (
