@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +22,7 @@ from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.pool import problem_of, run_tasks
-from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.results import CaseResult, Comparison, Convergence, StudyResult, SuiteResult, Trace
 from cmpcheck.studies.registry import run_studies
 from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
@@ -115,8 +115,8 @@ def run_suite(
             tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
     totals = {case.name: len(case.variants()) for case in loaded}
     outcomes: dict[tuple[str, int], Outcome] = {}
-    for task, future in run_tasks(run_task, sorted(tasks, key=lambda task: -task.cost), jobs):
-        outcomes[task.case.name, task.variant] = _outcome(task, future)
+    for task, outcome in _in_processes(tasks, jobs):
+        outcomes[task.case.name, task.variant] = outcome
         if progress is not None:
             done = sum(name == task.case.name for name, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
@@ -124,12 +124,12 @@ def run_suite(
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
 
-    def study_done(name: str) -> None:
+    def keep(study: StudyResult) -> None:
+        write_csv([study], folder / "data" / "studies")
         if progress is not None:
-            progress(name, 1, 1)
+            progress(study.name, 1, 1)
 
-    found = run_studies(studies, profile, runs, jobs, study_done)
-    write_csv(found, folder / "data" / "studies")
+    found = run_studies(studies, profile, runs, jobs, keep)
     origin, seconds = provenance.collect(loaded), time.perf_counter() - begin
     return SuiteResult(profile, infos, results, origin, seconds, found)
 
@@ -153,6 +153,12 @@ def _equations(rows: list[Comparison]) -> str:
     """Every equation that the rows name, in the paper's order."""
     parts = {part for row in rows for part in row.equations.split(", ") if part}
     return ", ".join(sorted(parts, key=lambda part: [int(number) for number in part.split("-")]))
+
+
+def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]]:
+    """Outcomes as they come."""
+    for task, future in run_tasks(run_task, sorted(tasks, key=lambda task: -task.cost), jobs):
+        yield task, _outcome(task, future)
 
 
 def _outcome(task: Task, future: Future) -> Outcome:

@@ -50,6 +50,7 @@ class LammpsEngine:
 
         The time step is the resolution's, made a little smaller where the output times are no multiple of it.
         """
+        refuse_rules_it_lacks(setup)
         path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
         try:
             deck = Deck(path, path.read_text("utf-8"))
@@ -89,14 +90,18 @@ def output_stride(times: np.ndarray, time_step: float) -> int:
     return max(1, math.ceil(float(times[1]) / time_step - 1e-6))
 
 
+def refuse_rules_it_lacks(setup: Setup) -> None:
+    """Raise EngineError where the case asks for what the fix does not do."""
+    if setup.model.new_contacts_only:
+        raise EngineError(
+            "removal.new_contacts_only is true; allowed with LAMMPS: false, for its fix has no such rule"
+        )
+
+
 def _simulate(
     lmp: Any, deck: Deck, setup: Setup, resolution: Resolution, stride: int, time_step: float
 ) -> Run:
     """Read the definitions, create the atoms, attach the fix, run from output to output."""
-    if setup.model.new_contacts_only:
-        raise EngineError(
-            "removal.new_contacts_only is true; allowed with LAMMPS: false, its fix has no such rule"
-        )
     execute(lmp, deck.definitions(), deck.path)
     native = deck.external_fix is None
     if native:

@@ -55,12 +55,16 @@ class StudyTask:
 
 
 def run_studies(
-    names: Sequence[str], profile: str, runs: Path, jobs: int, progress: Callable[[str], None] | None = None
+    names: Sequence[str],
+    profile: str,
+    runs: Path,
+    jobs: int,
+    done: Callable[[StudyResult], None] | None = None,
 ) -> list[StudyResult]:
     """What these studies found, in the registry's order.
 
     Parameters: profile quick | full; runs, the folder of run folders that outlive the report; jobs,
-    processes; progress, called with the name of each study that is done.
+    processes; done, called with each study's result as it comes.
     """
     order = dict.fromkeys((*LONGEST_FIRST, *STUDIES))
     tasks = [StudyTask(name, profile, runs) for name in order if name in names]
@@ -68,8 +72,8 @@ def run_studies(
     for task, future in run_tasks(run_study, tasks, jobs):
         problem = problem_of(future)
         results[task.name] = failed(task.name, problem) if problem else future.result()
-        if progress is not None:
-            progress(task.name)
+        if done is not None:
+            done(results[task.name])
     return [results[name] for name in STUDIES if name in results]
 
 
