@@ -24,6 +24,9 @@ class Profile(StrEnum):
     full = "full"
 
 
+RUNS = Path("runs")  # run folders that outlive a report
+
+
 def main() -> None:
     """Entry point of the command `cmpcheck`."""
     app(prog_name="cmpcheck")
@@ -42,6 +45,9 @@ def compare(
     deck: Annotated[
         list[str] | None, typer.Option(metavar="CASE=FILE", help="a LAMMPS deck for a case")
     ] = None,
+    study: Annotated[
+        list[str] | None, typer.Option(help="one to run; may be repeated; all in the full profile")
+    ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="processes; default one per processor")] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="exit 1 too when something was not tested")
@@ -52,7 +58,8 @@ def compare(
 ) -> None:
     """Compare engines and write a report.
 
-    Runs every case in every engine, compares the runs with closed forms and with the reference.
+    Runs every case in every engine, compares the runs with closed forms and with the reference.  With
+    `--study` and without cases only those studies are run; named cases are run without any.
     """
     from rich.console import Console
 
@@ -62,7 +69,8 @@ def compare(
     from cmpcheck.verdicts import headline
     from reference.case import load_case
 
-    names = cases or comparable_cases(profile.value)
+    studies = _studies(study or [], everything=profile is Profile.full and not cases)
+    names = cases or ([] if study else comparable_cases(profile.value))
     loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
@@ -71,7 +79,8 @@ def compare(
     staging = outputs.stage_report(out, force)
     try:
         with progress_bars() as bars:
-            tasks = {name: bars.add_task(name, total=variants) for name, variants in loaded.items()}
+            totals = loaded | dict.fromkeys(studies, 1)
+            tasks = {name: bars.add_task(name, total=total) for name, total in totals.items()}
             result = run_suite(
                 names,
                 engine or None,
@@ -80,6 +89,8 @@ def compare(
                 jobs or os.cpu_count() or 1,
                 decks,
                 lambda name, done, _: bars.update(tasks[name], completed=done),
+                studies,
+                RUNS,
             )
         write_report(result, staging)
         outputs.publish_report(staging, out)
@@ -89,7 +100,10 @@ def compare(
         outputs.discard_report(staging)
         raise
     console = Console()
-    console.print(summary_table(result))
+    if result.cases:
+        console.print(summary_table(result))
+    for found in result.studies:
+        console.print(f"{found.name}: {found.error or found.sentence}", highlight=False, markup=False)
     console.print(headline(result), highlight=False)
     console.print(f"report: {out / 'index.html'}", soft_wrap=True, highlight=False)
     raise typer.Exit(exit_code(result, strict))
@@ -124,7 +138,7 @@ def run(
         raise BadInput(
             f"--resume: only the reference can go on with a run; start {engine} again with --force"
         )
-    folder = outputs.claim_run_folder(out or Path("runs") / loaded.name, force, resume)
+    folder = outputs.claim_run_folder(out or RUNS / loaded.name, force, resume)
     variants = loaded.variants()
     there = [variant for variant in variants if is_complete(folder / variant.variant)]
     lines: list[str] = []
@@ -283,6 +297,19 @@ def _require(engines: list[str]) -> None:
         info = make_engine(name).info()
         if not info.available:
             raise BadInput(f"the engine {name} is missing: {info.reason}")
+
+
+def _studies(names: list[str], everything: bool) -> list[str]:
+    """The studies to run; refuses names that there are not."""
+    if not names and not everything:
+        return []
+    from cmpcheck.studies.registry import STUDIES
+    from reference.toml_source import nearest
+
+    for name in names:
+        if name not in STUDIES:
+            raise BadInput(f"unknown study {name!r}: {nearest(name, STUDIES)}")
+    return names or list(STUDIES)
 
 
 def _decks(entries: list[str], cases: Iterable[str]) -> dict[str, Path]:

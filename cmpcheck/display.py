@@ -95,6 +95,20 @@ def quantity_text(value: float, unit: str, like: float | None = None, digits: in
     return f"{number(value * factor, digits)} {label}".rstrip()
 
 
+def uncertain(value: float, error: float) -> str:
+    """A value and its standard error, to two digits of the error.
+
+    >>> uncertain(0.41234, 0.0123)
+    '0.412 ± 0.012'
+    """
+    if not (math.isfinite(value) and math.isfinite(error)):
+        return f"{number(value)} ± {number(error)}"
+    if error == 0:
+        return f"{number(value)} ± 0"
+    decimals = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}".replace("-", "−")
+
+
 def percent(fraction: float | None) -> str:
     """A relative error for a reader: percent, or a power of ten where it is rounding."""
     if fraction is None:

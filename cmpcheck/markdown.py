@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, quantity_text, ratio_text, words
 from cmpcheck.page import printed_row, tally_text
-from cmpcheck.results import CaseResult, Comparison, Ensemble, SuiteResult
+from cmpcheck.results import CaseResult, Comparison, Ensemble, StudyResult, SuiteResult
+from cmpcheck.study_page import printed_tables
 
 _PARTS = (
     ("1 Verification: does the reference solve the paper's equations?", "1"),
@@ -48,6 +49,9 @@ def render(result: SuiteResult) -> str:
         sections = [section for case in result.cases for section in _case(case, part)]
         if sections:
             lines += ["", f"## {title}", *sections]
+    if result.studies:
+        lines += ["", "## Studies: what may a user rely on?"]
+        lines += [line for study in result.studies for line in _study(study)]
     return "\n".join(lines) + "\n"
 
 
@@ -103,6 +107,16 @@ def _rows(rows: Iterable[Comparison]) -> list[str]:
         why += f"; known departure: {row.known_departure}" if row.known_departure else ""
         body.append([*row[:11], row.verdict, why])
     return _table(header, body)
+
+
+def _study(study: StudyResult) -> list[str]:
+    lines = ["", f"### {plain(study.name)}: {plain(study.title)}", ""]
+    if study.error:
+        return [*lines, f"error: {plain(study.error)}"]
+    lines += [plain(study.sentence), "", f"{plain(study.varied)} {plain(study.samples)}"]
+    for table in printed_tables(study):
+        lines += ["", f"{plain(table.caption)}:", "", *_table(table.header, table.rows)]
+    return lines
 
 
 def _cell(cell: verdicts.Cell) -> str:

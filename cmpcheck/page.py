@@ -18,6 +18,7 @@ from markupsafe import Markup
 from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
 from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
+from cmpcheck.study_page import printed_studies
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
 ROWS_SHOWN = 6  # a longer table shows its worst rows and folds the rest
@@ -130,6 +131,7 @@ def render(result: SuiteResult) -> str:
         verification=parts["1"],
         crosscheck=parts["2"],
         statistics=parts["3"],
+        studies=printed_studies(result),
         anchors=anchors,
         provenance=list(_flat(result.provenance)),
         symbols=verdicts.SYMBOLS,

@@ -78,6 +78,7 @@ def report_json(result: SuiteResult) -> str:
             for convergence in case.convergences
         ],
         "ensembles": [asdict(ensemble) for case in result.cases for ensemble in case.ensembles],
+        "studies": [asdict(study) for study in result.studies],
         "provenance": result.provenance,
         "profile": result.profile,
         "seconds": result.seconds,
@@ -102,6 +103,8 @@ def _plain(value: Any) -> Any:
         return int(value)
     if isinstance(value, numbers.Real):
         return float(value) if math.isfinite(value) else None
+    if hasattr(value, "_asdict"):
+        return _plain(value._asdict())
     if isinstance(value, Mapping):
         return {printable(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, (set, frozenset)):

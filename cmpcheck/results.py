@@ -6,7 +6,7 @@ No computing and no formatting here.  All numbers are SI floats.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 STATUSES = ("agree", "disagree", "not_tested", "error")
 
@@ -200,6 +200,67 @@ class CaseResult:
     ensembles: list[Ensemble] = field(default_factory=list)
 
 
+class Estimate(NamedTuple):
+    """A mean over samples and its standard error, in the unit of its column."""
+
+    value: float
+    standard_error: float
+
+
+class Column(NamedTuple):
+    """What stands in a column of a study's table, or along an axis of its chart."""
+
+    name: str
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve of a chart, with a band or error bars where `lower` and `upper` are given."""
+
+    label: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    lower: tuple[float, ...] = ()
+    upper: tuple[float, ...] = ()
+    style: str = "line"  # line | points
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves over a common axis."""
+
+    caption: str
+    x: Column
+    y: Column
+    curves: tuple[Curve, ...]
+    logarithmic: bool = False  # both axes
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text, numbers, or means with their standard errors."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str | float | Estimate, ...], ...]
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What one study found."""
+
+    name: str
+    title: str
+    varied: str  # what was varied, what was held, how it was measured
+    samples: str  # which case, seed and samples
+    tables: tuple[Table, ...]
+    sentence: str  # what a user may rely on, made from the numbers
+    charts: tuple[Chart, ...] = ()
+    error: str = ""  # why nothing was found
+    seconds: float = 0.0
+
+
 @dataclass
 class SuiteResult:
     """One run of `cmpcheck compare`."""
@@ -210,6 +271,7 @@ class SuiteResult:
     provenance: dict[str, Any]
     seconds: float = 0.0
     illustrations: list[Illustration] = field(default_factory=list)
+    studies: list[StudyResult] = field(default_factory=list)
 
     @property
     def comparisons(self) -> list[Comparison]:

@@ -6,12 +6,10 @@ the others go on.
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,7 +22,18 @@ from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
-from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
+from cmpcheck.pool import problem_of, run_tasks
+from cmpcheck.results import (
+    CaseResult,
+    Comparison,
+    Convergence,
+    Ensemble,
+    StudyResult,
+    SuiteResult,
+    Trace,
+)
+from cmpcheck.studies.registry import run_studies
+from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
@@ -83,12 +92,14 @@ def run_suite(
     jobs: int,
     decks: dict[str, Path] | None = None,
     progress: Progress | None = None,
+    studies: Sequence[str] = (),
+    runs: Path = Path("runs"),
 ) -> SuiteResult:
-    """Run every variant of the cases in every engine and compare.
+    """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
-    progress.
+    progress; names of studies, and the folder for runs of theirs that outlive the report.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -127,6 +138,13 @@ def run_suite(
         result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
     except Exception as problem:  # pictures must not cost the comparisons
         results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
+
+    def keep(study: StudyResult) -> None:
+        write_csv([study], folder / "data" / "studies")
+        if progress is not None:
+            progress(study.name, 1, 1)
+
+    result.studies = run_studies(studies, profile, runs, jobs, keep)
     result.seconds = time.perf_counter() - begin
     return result
 
@@ -154,32 +172,16 @@ def _equations(rows: list[Comparison]) -> str:
 
 
 def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]]:
-    """Outcomes as they come.  A worker that dies takes only its own task with it."""
-    ordered = sorted(tasks, key=lambda task: -task.cost)
-    context = multiprocessing.get_context("spawn")  # MPI and compiled code do not survive a fork
-    left = {id(task): task for task in ordered}
-    with ProcessPoolExecutor(jobs, context) as pool:
-        futures: dict[Future, Task] = {pool.submit(run_task, task): task for task in ordered}
-        pending = set(futures)
-        while pending:
-            done, pending = wait(pending, return_when=FIRST_COMPLETED)
-            for future in done:
-                if isinstance(future.exception(), BrokenProcessPool):
-                    continue
-                task = left.pop(id(futures[future]))
-                yield task, _outcome(task, future)
-    for task in left.values():  # the pool broke: each task that it had not finished gets a process of its own
-        with ProcessPoolExecutor(1, context) as single:
-            yield task, _outcome(task, single.submit(run_task, task))
+    """Outcomes as they come."""
+    for task, future in run_tasks(run_task, sorted(tasks, key=lambda task: -task.cost), jobs):
+        yield task, _outcome(task, future)
 
 
 def _outcome(task: Task, future: Future) -> Outcome:
     """What a task found; one that failed as a whole is an error of each of its engines."""
-    problem = future.exception()
-    if problem is None:
+    reason = problem_of(future)
+    if not reason:
         return future.result()
-    died = isinstance(problem, BrokenProcessPool)
-    reason = "the process that ran it died" if died else f"{type(problem).__name__}: {problem}"
     return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)])
 
 

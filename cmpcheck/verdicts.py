@@ -89,10 +89,11 @@ def verdict(result: SuiteResult) -> str:
     """The one word for the whole run: agree, disagree or incomplete.
 
     A row that disagrees or failed makes it "disagree", unless a known departure explains it.  An absent
-    engine, a row without verdict, and a case without any row each make it "incomplete".
+    engine, a row without verdict, and a case without any row each make it "incomplete".  A study has no
+    verdict, but one that failed makes it "disagree".
     """
     counts = count(result.comparisons)
-    if "disagree" in counts or "error" in counts:
+    if "disagree" in counts or "error" in counts or any(study.error for study in result.studies):
         return "disagree"
     gaps = (
         "not_tested" in counts
@@ -110,7 +111,8 @@ def exit_code(result: SuiteResult, strict: bool = False) -> int:
     for the command line, which knows what was requested.
     """
     word = verdict(result)
-    return int(word == "disagree" or not result.comparisons or (strict and word != "agree"))
+    empty = not result.comparisons and not result.studies
+    return int(word == "disagree" or empty or (strict and word != "agree"))
 
 
 def engine_names(result: SuiteResult) -> list[str]:
@@ -197,4 +199,9 @@ def gaps(result: SuiteResult) -> list[str]:
         sentences.append(f"No comparison was made for {', '.join(empty)}.")
     if not result.cases:
         sentences.append("No case was run.")
+    broken = [study.name for study in result.studies if study.error]
+    if broken:
+        sentences.append(
+            f"{'These studies' if len(broken) > 1 else 'This study'} failed: {', '.join(broken)}."
+        )
     return sentences

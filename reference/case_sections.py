@@ -136,6 +136,7 @@ class Removal(Section):
     acceleration: Positive = 1.0
     mass_pickup: StrictBool = True
     threshold_velocity: Speed | None = None  # without it: the yield velocity
+    new_contacts_only: StrictBool = False  # a particle that stays in contact removes nothing more
 
 
 class Pad(Section):

@@ -196,6 +196,21 @@ def record_surface_impact(model, pad_height, time, i, hit, position, velocity, m
 
 
 @kernel
+def touched_before(heights, spacing, position, velocity, dt, radius):
+    """Whether a particle overlapped the surface one step dt before, at r - dt v, where it came from.
+
+    A particle pressed into a corner is struck at every step, or every second one, as long as it stays there:
+    how often is a matter of the step, not of the model.  See the study `time_step`.
+    """
+    x, y, z = (
+        position[0] - dt * velocity[0],
+        position[1] - dt * velocity[1],
+        position[2] - dt * velocity[2],
+    )
+    return surface_contact(heights, spacing, x, y, z, radius)[0]
+
+
+@kernel
 def collide_surface(model, dt, time, pad_height, p, heights, clearance, rows, row):
     """Fill a ledger row for each impact on the surface; return the next free one.
 
@@ -223,6 +238,9 @@ def collide_surface(model, dt, time, pad_height, p, heights, clearance, rows, ro
             model, pad_height, time, i, (nx, ny, nz, qx, qy, qz), x, v, p.mass[i], p.diameter[i],
             p.modulus[i], out,
         )  # fmt: skip
+        removes = out[col.REMOVED_VOLUME] > 0.0
+        if removes and model.new_contacts_only and touched_before(heights, model.spacing, x, v, dt, radius):
+            out[col.YIELD_RADIUS : col.REMOVED_MASS + 1] = 0.0
         ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
         normal = surface_normal_impulse(p.mass[i], v_n, model.restitution, ext)
         picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0

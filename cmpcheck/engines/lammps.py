@@ -50,6 +50,7 @@ class LammpsEngine:
 
         The time step is the resolution's, made a little smaller where the output times are no multiple of it.
         """
+        refuse_rules_it_lacks(setup)
         path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
         try:
             deck = Deck(path, path.read_text("utf-8"))
@@ -87,6 +88,14 @@ def output_stride(times: np.ndarray, time_step: float) -> int:
     if len(times) < 2 or not np.allclose(np.diff(times), times[1], rtol=1e-9, atol=0.0):
         raise EngineError("the output times must be equally spaced, the first at 0")
     return max(1, math.ceil(float(times[1]) / time_step - 1e-6))
+
+
+def refuse_rules_it_lacks(setup: Setup) -> None:
+    """Raise EngineError where the case asks for what the fix does not do."""
+    if setup.model.new_contacts_only:
+        raise EngineError(
+            "removal.new_contacts_only is true; allowed with LAMMPS: false, for its fix has no such rule"
+        )
 
 
 def _simulate(

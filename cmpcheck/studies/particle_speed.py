@@ -1,0 +1,121 @@
+"""Whether particles move faster as the surface flattens: their mean velocity, and the fluid's around them.
+
+Paper: Section 4 says that they do, since nothing is left to slow them down.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cmpcheck.display import uncertain
+from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
+from cmpcheck.statistics import mean_band
+from cmpcheck.studies.sampling import estimate, samples_of
+from reference import simulate
+from reference.case import Case, load_case
+from reference.drag import fluid_velocity
+from reference.ensemble import run_samples
+from reference.process import build_setup
+
+CASE = "polish"  # 10 s a sample
+SAMPLES = {"quick": 2, "full": 8}
+PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # t/T
+CLEAR = 2.0  # standard errors
+
+
+class Course(NamedTuple):
+    """One sample over time, (T,) each; speeds in parts of V_pad."""
+
+    particles: np.ndarray  # mean v_x
+    fluid: np.ndarray  # mean u_x at the particles' heights
+    flatness: np.ndarray
+
+
+def study(profile: str, runs: Path) -> StudyResult:
+    """The mean velocity of the particles over time, beside that of the fluid and the flatness."""
+    (case,) = load_case(CASE).variants()
+    n = SAMPLES[profile]
+    courses = run_samples(case, range(n), course)
+    particles, fluid, flat = (np.array(curves) for curves in zip(*courses, strict=True))
+    part = np.linspace(0.0, 1.0, particles.shape[1])
+    rows: list[tuple[float | Estimate, ...]] = []
+    for t in PARTS:
+        k = round(t * (len(part) - 1))
+        cells = (particles[:, k], fluid[:, k], particles[:, k] / fluid[:, k], flat[:, k])
+        rows.append((t, float(n), *(estimate(values) for values in cells)))
+    band = mean_band(particles)
+    charts = [
+        Curve("particles, 95 % band", tuple(part), tuple(band.mean), tuple(band.lower), tuple(band.upper)),
+        Curve("fluid around them", tuple(part), tuple(fluid.mean(axis=0))),
+        Curve("Π", tuple(part), tuple(flat.mean(axis=0))),
+    ]
+    return StudyResult(
+        name="particle_speed",
+        title="How fast particles move as the surface flattens",
+        varied="Nothing but time: mean v_x of all particles, and mean u = V_pad z/H at their centres, in "
+        "parts of V_pad.",
+        samples=samples_of(case, n),
+        tables=(
+            Table(
+                "Mean velocities over the course of polishing, ± standard error",
+                (Column("t/T"), Column("seeds"), Column("particles, v_x/V_pad"), Column("fluid, u/V_pad"),
+                 Column("v_x/u"), Column("Π")),
+                tuple(rows),
+            ),
+        ),
+        sentence=_sentence(particles, fluid, flat),
+        charts=(
+            Chart(
+                "Mean velocity of the particles and of the fluid at their heights, and "
+                "flatness", Column("t/T"),
+                Column("in parts of V_pad, and Π"), tuple(charts),
+            ),
+        ),
+    )  # fmt: skip
+
+
+def course(case: Case) -> Course:
+    """Mean velocities and flatness of one run at its output times."""
+    run, model = simulate(case), build_setup(case).model
+    fluid = [
+        np.mean([fluid_velocity(model, height, z)[0] for z in places])
+        for height, places in zip(run.history.pad_height, run.positions[:, :, 2], strict=True)
+    ]
+    speed = run.history.mean_velocity_x.to_numpy() / model.wall_speed
+    return Course(speed, np.array(fluid) / model.wall_speed, run.history.flatness.to_numpy())
+
+
+def _sentence(particles: np.ndarray, fluid: np.ndarray, flat: np.ndarray) -> str:
+    mean = particles.mean(axis=0)
+    top = int(mean.argmax())
+    at = top / (len(mean) - 1)
+    values = [uncertain(*estimate(particles[:, k])) for k in (0, top, -1)]
+    rise, fall = estimate(particles[:, top] - particles[:, 0]), estimate(particles[:, -1] - particles[:, top])
+    whole, ratio = estimate(particles[:, -1] - particles[:, 0]), particles / fluid
+    gain = estimate(ratio[:, -1] - ratio[:, 0])
+    course = f"Mean v_x/V_pad is {values[0]} at first, {values[1]} at its maximum at t/T = {at:.2f}, and "
+    f"{values[2]} at the end"
+    if rise.value > CLEAR * rise.standard_error and -fall.value > CLEAR * fall.standard_error:
+        verdict = (
+            f"particles move faster while Π falls to {flat[:, top].mean():.2f}, as the paper says, and "
+            "slower again after that"
+        )
+    elif whole.value > CLEAR * whole.standard_error:
+        verdict = "particles move faster as the surface flattens, as the paper says"
+    else:
+        verdict = "no rise is told from none, other than the paper says"
+    relative = (
+        "rises"
+        if gain.value > CLEAR * gain.standard_error
+        else "falls"
+        if -gain.value > CLEAR * gain.standard_error
+        else "does not change clearly"
+    )
+    return (
+        f"{course}: {verdict}. Relative to the fluid at their heights, whose speed goes from "
+        f"{fluid[:, 0].mean():.2f} to {fluid[:, -1].mean():.2f}, their speed {relative}: v_x/u changes by "
+        f"{uncertain(*gain)}."
+    )

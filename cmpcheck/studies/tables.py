@@ -1,0 +1,45 @@
+"""The tables of studies as data frames and CSV files; how they look on a page is `study_page.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+from cmpcheck.results import Column, Estimate, StudyResult, Table
+
+
+def csv_frame(table: Table) -> pd.DataFrame:
+    """The table with a column of its own for each standard error; units stand in the names, in SI."""
+    columns: dict[str, list[object]] = {}
+    for k, column in enumerate(table.columns):
+        cells = [row[k] for row in table.rows]
+        errors: list[object]
+        columns[_heading(column)] = [cell.value if isinstance(cell, Estimate) else cell for cell in cells]
+        if any(isinstance(cell, Estimate) for cell in cells):
+            errors = [cell.standard_error if isinstance(cell, Estimate) else None for cell in cells]
+            columns[_heading(column._replace(name=f"{column.name}, standard error"))] = errors
+    return pd.DataFrame(columns)
+
+
+def csv_names(result: StudyResult) -> list[str]:
+    """The names of a study's CSV files, one for each of its tables."""
+    if len(result.tables) == 1:
+        return [f"{result.name}.csv"]
+    return [f"{result.name}_{k + 1}.csv" for k in range(len(result.tables))]
+
+
+def write_csv(results: Iterable[StudyResult], folder: Path) -> list[Path]:
+    """Write every table of every study into `folder`; returns the files.  Raises OSError."""
+    files = []
+    for result in results:
+        for name, table in zip(csv_names(result), result.tables, strict=True):
+            folder.mkdir(parents=True, exist_ok=True)
+            csv_frame(table).to_csv(folder / name, index=False, lineterminator="\n")
+            files.append(folder / name)
+    return files
+
+
+def _heading(column: Column) -> str:
+    return column.name if column.unit in ("", "1") else f"{column.name} ({column.unit})"
