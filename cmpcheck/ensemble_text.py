@@ -40,13 +40,13 @@ def curve_caption(curve: EnsembleCurve, ensemble: Ensemble) -> str:
 def planning_table(ensemble: Ensemble) -> TextTable:
     """How many pairs were needed and what those that were run can tell."""
     header = ["quantity", "margin", "spread in the pilot", "assumed", "pairs needed", "pairs run"]
-    header += ["power", "detectable", "spread found"]
+    header += ["power", "detectable", "spread found", "largest"]
     sources = list(dict.fromkeys(p.source for p in ensemble.planning))
     caption = (
         "Sample size. Spread: standard deviation of the paired differences, of flatness the largest of its "
         f"times. Assumed: {'; '.join(sources)}. Pairs needed: to show equivalence with a power of 90 %. "
         "Power: of showing it with the pairs run, if nothing differs. Detectable: the difference that they "
-        "tell from zero with a power of 80 %."
+        "tell from zero with a power of 80 %. Largest: the difference of a single pair."
     )
     return TextTable(caption, header, [_planning_row(p) for p in ensemble.planning])
 
@@ -59,6 +59,7 @@ def _planning_row(p: Planning) -> list[str]:
     return [
         name, share(p.margin), "none" if math.isnan(p.pilot) else share(p.pilot), share(p.assumed),
         str(p.needed), str(p.pairs), percent(p.power), share(p.detectable), share(p.found),
+        share(p.largest),
     ]  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from scipy import stats
 
 from cmpcheck.display import superscript
@@ -111,6 +112,7 @@ def plan(case: Case, engine: str, found: list[Pairs]) -> list[Planning]:
                 power=power_of_equivalence(assumed, p.margin, max(n - EXTRA_PAIRS, 2)),
                 detectable=detectable_difference(assumed, n, DETECTION_POWER),
                 found=p.spread,
+                largest=max(float(np.abs(p.differences(frame)).max()) for frame in p.frames),
             )
         )
     return records

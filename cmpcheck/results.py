@@ -117,6 +117,7 @@ class Planning:
     power: float  # of showing equivalence with these, if there is no difference
     detectable: float  # true difference that is told from zero with a power of 80 %
     found: float  # standard deviation of these pairs
+    largest: float  # difference of a single one of them
 
 
 @dataclass(frozen=True)
