@@ -51,7 +51,8 @@ def simulate(
 
     Parameters: `out` a folder to write the run to; `progress` is called with the fraction done.
     Raises CaseError for a case that cannot be set up, and SimulationError, naming particle and time, when
-    the state stops being finite, or a balance when it does not close; what was recorded before is kept in `out` and in the error's `run`.
+    the state stops being finite, or naming the balance when one does not close; what was recorded before is
+    kept in `out` and in the error's `run`.
     """
     return simulate_setup(build_setup(case), out, progress)
 

@@ -1,0 +1,1 @@
+"""Studies that the report carries: how the model's answers depend on what a user chooses."""
