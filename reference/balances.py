@@ -45,7 +45,11 @@ def balances(run: Run) -> list[Balance]:
     if not set(SUMS) <= set(run.history.columns) or run.history.empty:
         return []
     first, last = run.history.iloc[0], run.history.iloc[-1]
-    found = [_energy(run, first, last), *(_momentum(run, first, last, axis) for axis in "xyz"), _mass(run, last)]
+    found = [
+        _energy(run, first, last),
+        *(_momentum(run, first, last, axis) for axis in "xyz"),
+        _mass(run, last),
+    ]
     if run.case.removal is not None and run.surface is not None and run.surface_initial is not None:
         found += [_removed_mass(run, last), _volume(run, last)]
     return found
@@ -109,14 +113,14 @@ def _remarks(run: Run) -> list[str]:
     remarks, share = [], simultaneous_share(run)
     if share > SIMULTANEOUS_SHARE:
         remarks.append(
-            f"{share:.1%} of the energy dissipated in contacts is of particles with several contacts at once, "
-            "whose outcome is not unique: their impulses are added"
+            f"{share:.1%} of the energy dissipated in contacts is of particles with several contacts at "
+            "once, whose outcome is not unique: their impulses are added"
         )
     node_depth = run.case.removal is not None and run.case.removal.deposit == "node_depth"
     if node_depth and math.isfinite(lowered_over_removed(run)):
         remarks.append(
-            f"deposit node_depth lowers the surface by {lowered_over_removed(run):.3g} times the volume of the "
-            "removed caps; the mass picked up is that of the caps"
+            f"deposit node_depth lowers the surface by {lowered_over_removed(run):.3g} times the volume of "
+            "the removed caps; the mass picked up is that of the caps"
         )
     return remarks
 
@@ -135,7 +139,11 @@ def _energy(run: Run, first: pd.Series, last: pd.Series) -> Balance:
 
 
 def _momentum(run: Run, first: pd.Series, last: pd.Series, axis: str) -> Balance:
-    sources = [f"fluid_impulse_{axis}", f"surface_impulse_{axis}", *(["pad_impulse_z"] if axis == "z" else [])]
+    sources = [
+        f"fluid_impulse_{axis}",
+        f"surface_impulse_{axis}",
+        *(["pad_impulse_z"] if axis == "z" else []),
+    ]
     change = last[f"momentum_{axis}"] - first[f"momentum_{axis}"]
     sizes = float((run.masses[[0, -1], :] * np.abs(run.velocities[[0, -1]][..., "xyz".index(axis)])).sum())
     sizes += float(sum(abs(last[name]) for name in sources))
@@ -149,7 +157,7 @@ def _momentum(run: Run, first: pd.Series, last: pd.Series, axis: str) -> Balance
 
 
 def _record_rounding(run: Run) -> float:
-    """Relative round-off of a row of the history: N terms of up to five operations are added, then five sums."""
+    """Relative round-off of a row of the history: sums of N terms, and of five columns."""
     return EPS * (run.masses.shape[1] + 10)
 
 
@@ -196,11 +204,11 @@ def _volume_lost(run: Run) -> float:
 
 
 def _volume(run: Run, last: pd.Series) -> Balance:
-    """The surface against the sum of what impacts took off it; nothing else moves a node, and no floor stops it.
+    """The surface against the sum of what impacts took off it; nothing else moves a node, no floor stops one.
 
-    Each lowering rounds a height by u z, three of them with deposit `volume`, one with `node_depth`; no height
-    exceeds z_max before or after, as nodes only fall.  The amount of one removal is rounded some ten times,
-    shared out with weights whose sum is off by 3 u; sums and differences round by as much again.
+    A removal rounds three heights with deposit `volume`, one with `node_depth`, by u z each; no |z| exceeds
+    that of the first and of the last surface, as nodes only fall.  The amount of one removal is rounded some
+    ten times, shared out with weights whose sum is off by 3 u; sums and differences round by as much again.
     """
     assert run.case.removal is not None
     assert run.surface is not None

@@ -59,8 +59,8 @@ def simultaneous_loss(mass, gained, product, energy):
 
     A particle that receives J and picks up g at rest loses L(J, g) = m v^2/2 - (m v + J)^2/(2 (m + g)).  With
     A and G of the contacts booked before, L(A + J, G + g) - L(A, G) - L(J, g) is this, as long as no two of
-    them bring mass: `gained` is G + g (kg), `product` A.J, and `energy` what the contacts without mass (A when
-    J brings it, J when A has) would give by themselves, A.v + A^2/(2 m) or J.v + J^2/(2 m).
+    them bring mass: `gained` is G + g (kg), `product` A.J, and `energy` what the contacts without mass (A
+    when J brings it, J when A has) would give by themselves, A.v + A^2/(2 m) or J.v + J^2/(2 m).
 
     >>> simultaneous_loss(2.0, 0.0, 4.0, 0.0)
     -2.0
@@ -282,7 +282,7 @@ def collide_pad(model, time, pad_height, p, rows, row):
 
 @kernel
 def deliver(model, p, work, rows, first, last):
-    """Add impulses and masses of the impacts on surface and pad, ledger rows first ... last - 1, to `work`."""
+    """Add what impacts on surface and pad, ledger rows first ... last - 1, give to particles to `work`."""
     impulse, velocity = work.impulse, p.velocity
     for row in range(first, last):
         i, normal, mass = int(rows[row, col.I]), rows[row, col.NORMAL_IMPULSE], p.mass[int(rows[row, col.I])]

@@ -32,6 +32,8 @@ from reference.state import (
 from reference.toml_source import MISSING
 
 STREAMS = ("surface", "diameters", "positions", "velocities", "jitter")
+BOLTZMANN = 1.380649e-23  # J/K
+TEMPERATURE = 293.0  # K
 PAD_DESCENT = 0.7  # part of the duration in which the pad reaches its lowest height
 
 
@@ -251,4 +253,28 @@ def _warnings(setup: Setup) -> list[str]:
                 f"threshold_velocity {model.threshold_velocity:.3g} m/s is below 2 U dt/tau = "
                 f"{pressed:.3g} m/s: a particle pressed on the surface removes material at every step"
             )
+    if model.flow != FLOW_NONE and state.mass.size:
+        thermal = thermal_speed(float(state.mass.mean()))
+        what, speed = max(
+            ("flow's", math.hypot(model.flow_x, model.flow_y, model.flow_z)),
+            ("pad's" if model.has_pad else "wall's", abs(model.wall_speed)),
+            ("particles' own", float(np.linalg.norm(state.velocity, axis=1).max())),
+            key=lambda entry: entry[1],
+        )
+        if thermal > speed:
+            notes.append(
+                f"the thermal speed of a particle, sqrt(3 k T/m) = {thermal:.3g} m/s at {TEMPERATURE:g} K, "
+                f"exceeds the {what} {speed:.3g} m/s: Brownian motion would dominate, and is not in the model"
+            )
     return notes
+
+
+def thermal_speed(mass: float) -> float:
+    """Root mean square speed sqrt(3 k T/m) of the Brownian motion of a particle, in m/s.
+
+    The paper has none; cases have no temperature, so that T is 293 K, room temperature.
+
+    >>> round(thermal_speed(1.2135e-20), 3)  # 3 k T = 1.2136e-20 J
+    1.0
+    """
+    return math.sqrt(3.0 * BOLTZMANN * TEMPERATURE / mass)

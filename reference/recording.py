@@ -29,9 +29,22 @@ HISTORY = (
     "momentum_x", "momentum_y", "momentum_z", "mean_velocity_x",
 )  # fmt: skip
 SUMS = (
-    "contacts", "removals", "depth_sum", "contact_loss", "simultaneous_loss", "pad_work", "fluid_work",
-    "fluid_impulse_x", "fluid_impulse_y", "fluid_impulse_z", "surface_impulse_x", "surface_impulse_y",
-    "surface_impulse_z", "pad_impulse_z", "energy_rounding", "momentum_rounding",
+    "contacts",
+    "removals",
+    "depth_sum",
+    "contact_loss",
+    "simultaneous_loss",
+    "pad_work",
+    "fluid_work",
+    "fluid_impulse_x",
+    "fluid_impulse_y",
+    "fluid_impulse_z",
+    "surface_impulse_x",
+    "surface_impulse_y",
+    "surface_impulse_z",
+    "pad_impulse_z",
+    "energy_rounding",
+    "momentum_rounding",
 )  # of the reference
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from reference.collisions import Work, collide_pad, collide_pairs, collide_surface, deliver
+from reference.collisions import collide_pad, collide_pairs, collide_surface, deliver
 from reference.compiled import formula, kernel
 from reference.drag import drag_factor, fluid_velocity
 from reference.state import FLOW_NONE, Particles

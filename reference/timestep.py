@@ -152,7 +152,11 @@ def accept(model, dt, p, work, booked):
         longest = max(longest, dt * speed)
         work.clearance[i] -= dt * speed
     booked[P.fluid_work], booked[P.simultaneous_loss] = work_done, simultaneous
-    booked[P.fluid_impulse_x], booked[P.fluid_impulse_y], booked[P.fluid_impulse_z] = fluid_x, fluid_y, fluid_z
+    booked[P.fluid_impulse_x], booked[P.fluid_impulse_y], booked[P.fluid_impulse_z] = (
+        fluid_x,
+        fluid_y,
+        fluid_z,
+    )
     return longest, momentum, energy, blows, violence
 
 

@@ -134,6 +134,35 @@ def test_a_threshold_that_a_pressed_particle_passes_at_every_step_is_noted():
     assert f"{2 * 0.5 * 1e-9 / tau:.3g} m/s" in note
 
 
+def thermal_notes(case):
+    return [note for note in build_setup(case).notes if "thermal" in note]
+
+
+def test_brownian_motion_that_is_faster_than_the_pad_is_noted():
+    """sqrt(3 k T/m) at 293 K: 0.47 m/s of 30 nm of alumina, 3 mm/s of 0.9 um; pads of 4 cm/s and 1 m/s."""
+    (note,) = thermal_notes(load_case("fine_abrasive"))
+    mass = build_setup(load_case("fine_abrasive")).state.mass.mean()
+    assert f"{np.sqrt(3 * 1.380649e-23 * 293 / mass):.3g} m/s at 293 K" in note
+    assert "= 0.46" in note
+    assert "the pad's 0.04 m/s" in note
+    assert thermal_notes(load_case("polish")) == []
+
+
+@pytest.mark.parametrize("speed, noted", [(1e-3, True), (1e-2, False)])
+def test_brownian_motion_is_compared_with_the_fastest_of_flow_and_particles(speed, noted):
+    """A particle of 0.6 um has a thermal speed of 5 mm/s."""
+    still = {"density": 1000.0, "viscosity": 1e-3, "flow": "uniform", "velocity": [0.0, 0.0, 0.0]}
+    one = make(
+        particles=None, particle=[ball((1e-6, 1e-6, 2e-6), (0, speed, 0), diameter=0.6e-6)], fluid=still
+    )
+    flow = make(fluid=still | {"velocity": [0.0, 0.0, speed]})
+    wall = make(fluid=SHEAR | {"wall_speed": speed})
+    for case, what in (one, "particles' own"), (flow, "flow's"), (wall, "wall's"):
+        notes = thermal_notes(case)
+        assert [f"the {what} {speed:.3g} m/s" in note for note in notes] == [True] * noted
+    assert thermal_notes(make()) == []  # without a fluid
+
+
 @pytest.mark.parametrize("jitter", [0.0, 0.2e-6])
 def test_a_particle_in_an_asperity_is_refused_in_one_line(tmp_path, jitter):
     """Plateaus are 0.5 um high; a centre at 0.99 um is too low over one, not over the plain."""
