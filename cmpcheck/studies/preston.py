@@ -36,6 +36,7 @@ HEIGHTS = (1.3e-6, 1.2e-6, 1.1e-6, 1.0e-6)  # the lowest is just above asperity 
 WAY = 80e-6  # V_pad T, m: more than three times what the slowest sample needs
 MATCHED = 0.8  # Pi until which the rate is taken
 NUMERICS = {"gamma": 0.005}
+DECIDES = 0.25  # a wider interval shows no law
 RATES = {"volume_rate": "volume rate", "depth_rate": "depth rate"}
 
 
@@ -166,29 +167,27 @@ def _setting(case: Case, speed: float, count: int, height: float) -> Case:
 
 def _sentence(fits: Mapping[tuple[str, str, str], tuple[Power, float]]) -> str:
     texts = []
-    held_law = {}
     for name in RATES.values():
         load = fits[name, "P at equal V_pad", "V_pad and H"][0]
         speed = fits[name, "V_pad at equal P", "V_pad and H"][0]
-        held_law[name] = load.holds(1.0) and speed.holds(1.0)
+        count = fits[name, "N", "N"][0]
         texts.append(
-            f"the {name} goes as P^({load.text()}) V_pad^({speed.text()}) and "
-            f"N^({fits[name, 'N', 'N'][0].text()})"
+            f"the {name} goes as P^({load.text()}) V_pad^({speed.text()}) and as N^({count.text()}), so "
+            f"that Preston's law, P^1 V^1, {_standing((load, speed))} for it"
         )
-    law = (
-        "Preston's law, P^1 V^1, holds"
-        if all(held_law.values())
-        else "Preston's law, P^1 V^1, does not hold"
-        if not any(held_law.values())
-        else "Preston's law, P^1 V^1, holds for the "
-        + " and ".join(name for name, holds in held_law.items() if holds)
-        + " only"
-    )
+    load = fits["load", "V_pad", "V_pad"][0]
     return (
-        f"At equal flatness {' and '.join(texts)} (95 % intervals), the load itself as "
-        f"V_pad^({fits['load', 'V_pad', 'V_pad'][0].text()}) where the pad is held: within these intervals "
-        f"{law}."
+        f"At equal flatness {'; '.join(texts)} (95 % intervals). Under a pad that is held the load itself "
+        f"goes as V_pad^({load.text()})."
     )
+
+
+def _standing(fits: tuple[Power, ...]) -> str:
+    """What the intervals of exponents that ought to be 1 say."""
+    if not all(fit.holds(1.0) for fit in fits):
+        return "does not hold"
+    wide = any(fit.half_width > DECIDES for fit in fits)
+    return "is neither shown nor excluded" if wide else f"holds within {DECIDES:g}"
 
 
 def _charts(found: Mapping[tuple[float, int, float], pd.DataFrame]) -> tuple[Chart, ...]:

@@ -11,7 +11,12 @@ from cmpcheck.results import Column, Estimate, StudyResult, Table
 
 
 def csv_frame(table: Table) -> pd.DataFrame:
-    """The table with a column of its own for each standard error; units stand in the names, in SI."""
+    """The table with a column of its own for each standard error; units stand in the names, in SI.
+
+    Raises ValueError where two columns have the same name and unit.
+    """
+    if len({*table.columns}) < len(table.columns):
+        raise ValueError(f"{table.caption}: two columns have one name; allowed: a name of its own for each")
     columns: dict[str, list[object]] = {}
     for k, column in enumerate(table.columns):
         cells = [row[k] for row in table.rows]

@@ -117,7 +117,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         sentence=_sentence(blocks),
         charts=tuple(
             Chart(
-                f"{what} against the time step, {held_blocks[0].name}, ± standard error",
+                f"{what.capitalize()} against the time step, {held_blocks[0].name}, ± standard error",
                 Column("time step", "s"), Column(what, unit),
                 tuple(curve(block.rule, block.found, quantity, 3) for block in held_blocks), logarithmic=True,
             )
@@ -169,10 +169,11 @@ def _sentence(blocks: Sequence[Block]) -> str:
         "often they are struck is set by the step."
         for block in cured
     )
+    listed = "; ".join(parts)
     return (
-        f"{'; '.join(parts)}. Converged means that Π is within {SAME_FLATNESS:g} of the finest step and "
-        f"removals and volume within {100 * SAME_RELATIVE:.0f} %, or within two standard errors (of Π at "
-        f"most {error:.3f}).{advice}"
+        f"{listed[0].upper()}{listed[1:]}. Converged means that Π is within {SAME_FLATNESS:g} of the finest "
+        f"step and removals and volume within {100 * SAME_RELATIVE:.0f} %, or within two standard errors "
+        f"(of Π at most {error:.3f}).{advice}"
     )
 
 
