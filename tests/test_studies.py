@@ -22,7 +22,7 @@ from cmpcheck.studies.sampling import HELD, changed, held, powers
 from cmpcheck.studies.shape import shape_of
 from cmpcheck.studies.spacing import last_on_refined, refined
 from cmpcheck.studies.sweep import Setting, sweep
-from cmpcheck.studies.tables import csv_frame
+from cmpcheck.studies.tables import csv_frame, frame_table
 from cmpcheck.verdicts import exit_code
 from reference import simulate
 from reference.heightfield import height_at
@@ -242,6 +242,13 @@ def test_a_csv_file_has_the_error_in_a_column_of_its_own():
     frame = csv_frame(table)
     assert list(frame.columns) == ["x (m)", "Π", "Π, standard error"]
     assert frame.iloc[0].tolist() == [1.0, 2.0, 0.5]
+
+
+def test_a_data_frame_becomes_a_table():
+    frame = pd.DataFrame({"scheme": ["a"], "error": [0.5], "count": [3]})
+    table = frame_table("t", frame, {"error": "m"})
+    assert table.columns == (Column("scheme"), Column("error", "m"), Column("count"))
+    assert table.rows == (("a", 0.5, 3.0),)
 
 
 def test_two_columns_of_one_name_are_refused():

@@ -172,8 +172,7 @@ def _standing(block: Block) -> str:
         gamma = block.converged(*quantities)
         texts.append(f"{what} not converged" if gamma is None else f"{what} converged from γ = {gamma:g} on")
     order = "" if block.order is None else f", volume of order {block.order:.1f}"
-    return f"{texts[0]}, {texts[1]}{order}; halving the step changes the removals by up to "
-    f"{100 * block.change:.0f} %"
+    return f"{texts[0]}, {texts[1]}{order} (at most {100 * block.change:.0f} % more or less at half the step)"
 
 
 def _advice(blocks: Sequence[Block]) -> str:
@@ -183,9 +182,10 @@ def _advice(blocks: Sequence[Block]) -> str:
     for block in blocks:
         gamma, before = block.converged("flatness"), every[block.name].converged("flatness")
         if block.rule == NEW and gamma is not None and (before or 0.0) < gamma:
+            still, earlier = (100 * b.change for b in (block, every[block.name]))
             advice += (
-                f" {block.name[0].upper()}{block.name[1:]}: removal.new_contacts_only = true makes Π "
-                f"converge from γ = {gamma:g} on, and the removals change by up to {100 * block.change:.0f} "
-                f"% instead of {100 * every[block.name].change:.0f} % with the step."
+                f" {block.name[0].upper()}{block.name[1:]}: removal.new_contacts_only = true makes Π converge "
+                f"from γ = {gamma:g} on; halving the step changes the removals by up to {still:.0f} %, "
+                f"{earlier:.0f} % with every impact."
             )
     return advice
