@@ -172,7 +172,8 @@ def _standing(block: Block) -> str:
         gamma = block.converged(*quantities)
         texts.append(f"{what} not converged" if gamma is None else f"{what} converged from γ = {gamma:g} on")
     order = "" if block.order is None else f", volume of order {block.order:.1f}"
-    return f"{texts[0]}, {texts[1]}{order} (at most {100 * block.change:.0f} % more or less at half the step)"
+    change = f"at most {100 * block.change:.0f} % more or less at half the step"
+    return f"{texts[0]}, {texts[1]}{order} ({change})"
 
 
 def _advice(blocks: Sequence[Block]) -> str:
