@@ -186,7 +186,7 @@ def _advice(blocks: Sequence[Block]) -> str:
             still, earlier = (100 * b.change for b in (block, every[block.name]))
             advice += (
                 f" {block.name[0].upper()}{block.name[1:]}: removal.new_contacts_only = true makes Π "
-                f"converge from γ = {gamma:g} on; halving the step changes the removals by up to {still:.0f} %, "
-                f"{earlier:.0f} % with every impact."
+                f"converge from γ = {gamma:g} on; halving the step changes the removals by up to "
+                f"{still:.0f} %, {earlier:.0f} % with every impact."
             )
     return advice
