@@ -33,10 +33,10 @@ SAMPLES = {"quick": 4, "full": 12}
 SPEED, COUNT, HEIGHT = 1.0, 20, 1.2e-6  # V_pad in m/s, N and H in m where the others are varied
 SPEEDS = (0.5, 1.0, 2.0, 4.0)
 COUNTS = (10, 14, 20, 28, 40)
-HEIGHTS = (1.3e-6, 1.2e-6, 1.1e-6, 1.0e-6)  # the lowest is just above asperity and radius
+HEIGHTS = (1.25e-6, 1.2e-6, 1.1e-6, 1.0e-6)  # the lowest is asperity and radius
 WAY = 30e-6  # V_pad T, m: enough for most samples
 DOUBLINGS = 4  # of the duration, for the others
-MATCHED = 0.8  # Pi until which the rate is taken
+MATCHED = 0.85  # Pi until which the rate is taken
 NUMERICS = {"gamma": 0.005}
 DECIDES = 0.25  # a wider interval shows no law
 RATES = {"volume_rate": "volume rate", "depth_rate": "depth rate"}
@@ -93,7 +93,7 @@ def study(profile: str, runs: Path) -> StudyResult:
 
 
 def rate_at_equal_flatness(case: Case) -> pd.Series:
-    """Removal until Pi has fallen to 0.8, per time: caps (m3/s) and node depths (m/s); mean pad load (Pa).
+    """Removal until Pi has fallen to 0.85, per time: caps (m3/s) and node depths (m/s); mean pad load (Pa).
 
     The load is the sum of the pad's impulses by time and area; the sum is the pad's work by its speed.  A run
     that is too short is repeated with twice its duration.
