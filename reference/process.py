@@ -158,11 +158,11 @@ def build_model(
         acceleration=removal.acceleration if removal else 0.0,
         mass_pickup=removal.mass_pickup if removal else False,
         threshold_velocity=threshold or 0.0,
-        new_contacts_only=removal.new_contacts_only if removal else False,
         has_pad=pad is not None,
         pad_restitution=pad.restitution if pad else 0.0,
         pad_descent=pad_descent,
         pad_minimum=pad_minimum,
+        new_contacts_only=removal.new_contacts_only if removal else False,
     )
 
 

@@ -46,11 +46,11 @@ class Model(NamedTuple):
     acceleration: float  # A: multiplies the removal of each impact
     mass_pickup: bool  # the particle carries the removed mass
     threshold_velocity: float  # slower impacts remove nothing, m/s
-    new_contacts_only: bool  # nor do those of a particle that touched the surface one step before
     has_pad: bool
     pad_restitution: float  # e_pad
     pad_descent: float  # V_z, m/s, times A
     pad_minimum: float  # H_min, m
+    new_contacts_only: bool = False  # a particle that touched the surface one step before removes nothing
 
 
 class Particles(NamedTuple):

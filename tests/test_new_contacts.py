@@ -1,4 +1,4 @@
-"""Removal at new contacts only: a particle that is pressed on the surface removes when it arrives, not after."""
+"""Removal at new contacts only: a particle that stays pressed on the surface removes when it arrives."""
 
 from __future__ import annotations
 

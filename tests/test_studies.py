@@ -1,4 +1,4 @@
-"""Studies: exponents, shapes in words, the same for any number of processes, and what becomes of a failure."""
+"""Studies: exponents, shapes in words, the same for any number of processes, and failures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cmpcheck.studies.sampling import HELD, changed, held, powers
 from cmpcheck.studies.shape import shape_of
 from cmpcheck.studies.spacing import last_on_refined, refined
 from cmpcheck.studies.sweep import Setting, sweep
-from cmpcheck.studies.tables import csv_frame
+from cmpcheck.studies.tables import csv_frame, frame_table
 from cmpcheck.verdicts import exit_code
 from reference import simulate
 from reference.heightfield import height_at
@@ -160,6 +160,15 @@ def test_rates_that_follow_prestons_law_give_its_exponents():
             close(fit.exponent.value, 1.0, rtol=1e-9)
 
 
+def test_an_interval_too_wide_to_decide_shows_no_law():
+    narrow, wide, other = (
+        preston.Power(Estimate(x, 0.1), w) for x, w in ((1.1, 0.2), (1.1, 3.0), (2.0, 0.2))
+    )
+    assert "holds within" in preston._standing((narrow, narrow))
+    assert "neither" in preston._standing((narrow, wide))
+    assert "does not hold" in preston._standing((wide, other))
+
+
 # Running
 
 
@@ -233,6 +242,18 @@ def test_a_csv_file_has_the_error_in_a_column_of_its_own():
     frame = csv_frame(table)
     assert list(frame.columns) == ["x (m)", "Π", "Π, standard error"]
     assert frame.iloc[0].tolist() == [1.0, 2.0, 0.5]
+
+
+def test_a_data_frame_becomes_a_table():
+    frame = pd.DataFrame({"scheme": ["a"], "error": [0.5], "count": [3]})
+    table = frame_table("t", frame, {"error": "m"})
+    assert table.columns == (Column("scheme"), Column("error", "m"), Column("count"))
+    assert table.rows == (("a", 0.5, 3.0),)
+
+
+def test_two_columns_of_one_name_are_refused():
+    with pytest.raises(ValueError, match="one name"):
+        csv_frame(Table("t", (Column("x"), Column("x")), ()))
 
 
 def test_a_run_that_is_there_is_read_and_one_that_is_not_needs_the_full_profile(tmp_path, monkeypatch):

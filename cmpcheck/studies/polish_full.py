@@ -47,7 +47,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         name=CASE,
         title="The paper's example, a whole second",
         varied="Nothing: Fig. 6 of the paper, one sample at A = 1.",
-        samples=f"The case `{CASE}` itself, seed {case.case.seed}; {cost}.",
+        samples=f"The case {CASE} itself, seed {case.case.seed}; {cost}.",
         tables=(
             Table(
                 "Polishing without acceleration",

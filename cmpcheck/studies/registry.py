@@ -10,6 +10,7 @@ It runs its samples one after the other through `reference.ensemble.run_samples`
 plain numbers: no page, no file, no clock.  Studies run side by side, one process each, so a study finds the
 same for any number of workers.  What it raises becomes a result with `error` set; the others go on.
 
+A table that exists as a data frame becomes one of its tables by `tables.frame_table`.
 To add one: write `cmpcheck/studies/NAME.py` with a function `study`, and enter it in `STUDIES`.
 """
 

@@ -73,7 +73,7 @@ def half_width(found: Estimate, samples: int) -> float:
 
 def samples_of(case: Case, samples: int) -> str:
     """Which samples were run, in words."""
-    return f"Samples 0 to {samples - 1} of `{case.name}`, seed {case.case.seed}."
+    return f"Samples 0 to {samples - 1} of {case.name}, seed {case.case.seed}."
 
 
 @dataclass(frozen=True)

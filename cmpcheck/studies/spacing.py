@@ -24,7 +24,7 @@ from reference.simulation import simulate_setup
 CASE = "polish_pair"
 SAMPLES = {"quick": 3, "full": 12}
 REFINEMENTS = (1, 2, 4)  # how often finer than the case's n = 20 nodes
-VOLUME_FACTOR = 4500.0  # `volume` takes so much less off than `node_depth` at n = 20
+VOLUME_FACTOR = 4500.0  # volume takes so much less off than node_depth at n = 20
 CLEAR = 2.0  # standard errors
 
 
@@ -81,8 +81,8 @@ def study(profile: str, runs: Path) -> StudyResult:
         name="spacing",
         title="The spacing of the nodes",
         varied="The number of nodes n along each side. The surface is the same in all rows, that of the "
-        "case with nodes added on it; what changes is where removal goes. `node_depth` lowers the nearest "
-        f"node, whose share of the area goes as 1/n²; `volume`, here with an A {VOLUME_FACTOR:g} times as "
+        "case with nodes added on it; what changes is where removal goes. node_depth lowers the nearest "
+        f"node, whose share of the area goes as 1/n²; volume, here with an A {VOLUME_FACTOR:g} times as "
         "large for a similar Π(T), takes a volume off the struck triangle.",
         samples=samples_of(case, n),
         tables=(

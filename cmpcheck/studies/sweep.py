@@ -67,7 +67,7 @@ def sweep_table(
     columns = [*head, Column("seeds")]
     for q in NAMES:
         columns.append(Column(NAMES[q], UNITS[q]))
-        columns.append(Column(f"change from {base}", "1" if q in ABSOLUTE else "%"))
+        columns.append(Column(f"change of {NAMES[q]}", "1" if q in ABSOLUTE else "%"))
     columns += extra.values()
     rows = []
     for one in found:
@@ -76,7 +76,7 @@ def sweep_table(
             change = one.difference[q]
             row += [one.mean[q], change if q in ABSOLUTE else Estimate(*(100 * x for x in change))]
         rows.append((*row, *(estimate(one.rows[name]) for name in extra)))
-    return Table(caption, tuple(columns), tuple(rows))
+    return Table(f"{caption}; changes from {base}", tuple(columns), tuple(rows))
 
 
 def curve(label: str, found: Sequence[Found], quantity: str, place: int) -> Curve:

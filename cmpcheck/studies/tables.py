@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +11,12 @@ from cmpcheck.results import Column, Estimate, StudyResult, Table
 
 
 def csv_frame(table: Table) -> pd.DataFrame:
-    """The table with a column of its own for each standard error; units stand in the names, in SI."""
+    """The table with a column of its own for each standard error; units stand in the names, in SI.
+
+    Raises ValueError where two columns have the same name and unit.
+    """
+    if len({*table.columns}) < len(table.columns):
+        raise ValueError(f"{table.caption}: two columns have one name; allowed: a name of its own for each")
     columns: dict[str, list[object]] = {}
     for k, column in enumerate(table.columns):
         cells = [row[k] for row in table.rows]
@@ -21,6 +26,14 @@ def csv_frame(table: Table) -> pd.DataFrame:
             errors = [cell.standard_error if isinstance(cell, Estimate) else None for cell in cells]
             columns[_heading(column._replace(name=f"{column.name}, standard error"))] = errors
     return pd.DataFrame(columns)
+
+
+def frame_table(caption: str, frame: pd.DataFrame, units: Mapping[str, str]) -> Table:
+    """A data frame as a table; units by column, SI, "1" where none is given."""
+    columns = tuple(Column(str(name), units.get(str(name), "1")) for name in frame.columns)
+    rows = (tuple(cell if isinstance(cell, str | Estimate) else float(cell) for cell in row)
+            for row in frame.itertuples(index=False, name=None))  # fmt: skip
+    return Table(caption, columns, tuple(rows))
 
 
 def csv_names(result: StudyResult) -> list[str]:

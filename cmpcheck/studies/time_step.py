@@ -42,12 +42,11 @@ class Block(NamedTuple):
     rule: str
     found: list[Found]
 
-    @property
-    def converged(self) -> float | None:
-        """The largest gamma from which on nothing changes that matters; None if only the finest is left."""
+    def converged(self, *quantities: str) -> float | None:
+        """The largest gamma from which on no change of these matters; None if only the finest is left."""
         fine = None
         for one in reversed(self.found[:-1]):
-            if not _same(one):
+            if not all(_same(one, quantity) for quantity in quantities):
                 break
             fine = float(one.setting.cells[2])
         return fine
@@ -117,7 +116,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         sentence=_sentence(blocks),
         charts=tuple(
             Chart(
-                f"{what} against the time step, {held_blocks[0].name}, ± standard error",
+                f"{what.capitalize()} against the time step, {held_blocks[0].name}, ± standard error",
                 Column("time step", "s"), Column(what, unit),
                 tuple(curve(block.rule, block.found, quantity, 3) for block in held_blocks), logarithmic=True,
             )
@@ -150,35 +149,44 @@ def _block(name: str, case: Case, new_only: bool, gammas: Sequence[float], sampl
     return Block(name, rule, sweep(settings, len(settings) - 1, samples))
 
 
-def _same(one: Found) -> bool:
-    """Whether no difference to the finest step matters, or is told from none."""
-    limits = {"flatness": SAME_FLATNESS, "removals": SAME_RELATIVE, "removed_volume": SAME_RELATIVE}
-    return all(
-        abs(change.value) <= max(limits[q], SAME_ERRORS * change.standard_error)
-        for q, change in one.difference.items()
-    )
+def _same(one: Found, quantity: str) -> bool:
+    """Whether a difference to the finest step does not matter, or is not told from none."""
+    change = one.difference[quantity]
+    limit = SAME_FLATNESS if quantity == "flatness" else SAME_RELATIVE
+    return abs(change.value) <= max(limit, SAME_ERRORS * change.standard_error)
 
 
 def _sentence(blocks: Sequence[Block]) -> str:
-    parts = [f"{block.name}, {block.rule}: {_standing(block)}" for block in blocks]
+    listed = "; ".join(f"{block.name}, {block.rule}: {_standing(block)}" for block in blocks)
     error = max(one.difference["flatness"].standard_error for block in blocks for one in block.found)
-    loose = {block.name for block in blocks if block.rule == EVERY and block.converged is None}
-    cured = [b for b in blocks if b.rule == NEW and b.name in loose and b.converged is not None]
-    advice = "".join(
-        f' For "{block.name}" use removal.new_contacts_only = true: abrasives stay wedged there, and how '
-        "often they are struck is set by the step."
-        for block in cured
-    )
     return (
-        f"{'; '.join(parts)}. Converged means that Π is within {SAME_FLATNESS:g} of the finest step and "
-        f"removals and volume within {100 * SAME_RELATIVE:.0f} %, or within two standard errors (of Π at "
-        f"most {error:.3f}).{advice}"
+        f"{listed[0].upper()}{listed[1:]}. Converged means that Π is within {SAME_FLATNESS:g} of the finest "
+        f"step, and removals and volume within {100 * SAME_RELATIVE:.0f} %, or within two standard errors "
+        f"(of Π at most {error:.3f}).{_advice(blocks)}"
     )
 
 
 def _standing(block: Block) -> str:
-    if block.converged is None:
-        return f"not converged, halving the step changes the removals by up to {100 * block.change:.0f} %"
-    pressed = next(one.setting.cells[4] for one in block.found if one.setting.cells[2] == block.converged)
+    texts = []
+    for what, quantities in (("Π", ("flatness",)), ("removals and volume", ("removals", "removed_volume"))):
+        gamma = block.converged(*quantities)
+        texts.append(f"{what} not converged" if gamma is None else f"{what} converged from γ = {gamma:g} on")
     order = "" if block.order is None else f", volume of order {block.order:.1f}"
-    return f"converged from γ = {block.converged:g} on (2 U Δt/τ = {pressed:.2g} m/s){order}"
+    change = f"at most {100 * block.change:.0f} % more or less at half the step"
+    return f"{texts[0]}, {texts[1]}{order} ({change})"
+
+
+def _advice(blocks: Sequence[Block]) -> str:
+    """Where Pi converges with new contacts only, and not or at smaller steps with every impact."""
+    every = {block.name: block for block in blocks if block.rule == EVERY}
+    advice = ""
+    for block in blocks:
+        gamma, before = block.converged("flatness"), every[block.name].converged("flatness")
+        if block.rule == NEW and gamma is not None and (before or 0.0) < gamma:
+            still, earlier = (100 * b.change for b in (block, every[block.name]))
+            advice += (
+                f" {block.name[0].upper()}{block.name[1:]}: removal.new_contacts_only = true makes Π "
+                f"converge from γ = {gamma:g} on; halving the step changes the removals by up to "
+                f"{still:.0f} %, {earlier:.0f} % with every impact."
+            )
+    return advice
