@@ -160,6 +160,7 @@ def build_model(
         pad_restitution=pad.restitution if pad else 0.0,
         pad_descent=pad_descent,
         pad_minimum=pad_minimum,
+        has_pairs=contact.pairs,
     )
 
 

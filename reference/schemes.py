@@ -57,7 +57,8 @@ def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
     """All contacts of one instant: impulses and masses gained into `work`; return the next free row."""
     work.impulse[:] = 0.0
     work.gained[:] = 0.0
-    row = collide_pairs(model, dt, time, pad_height, pairs, p, work.impulse, rows, row)
+    if model.has_pairs:
+        row = collide_pairs(model, dt, time, pad_height, pairs, p, work.impulse, rows, row)
     if model.has_surface:
         row = collide_surface(
             model, dt, time, pad_height, p, heights, work.clearance, work.impulse, work.gained, rows, row
