@@ -70,7 +70,12 @@ def comparable_cases(profile: str) -> list[str]:
     Ensembles, whose verdict needs minutes of samples, are compared by default in the full profile only.
     """
     cases = [load_case(name) for name in available_cases()]
-    return [case.name for case in cases if case.engine and (profile == "full" or case.pad is None)]
+    return [case.name for case in cases if case.engine and (profile == "full" or not is_ensemble(case))]
+
+
+def is_ensemble(case: Case) -> bool:
+    """Whether trajectories of a case part too early to be compared: many particles wear a surface."""
+    return case.pad is not None or (case.particles is not None and case.surface.kind != "none")
 
 
 def run_suite(
@@ -102,7 +107,7 @@ def run_suite(
     for case in loaded:
         for k, variant in enumerate(case.variants()):
             setup = build_setup(variant)
-            if not setup.model.has_pad:
+            if not is_ensemble(variant):
                 judge_of(setup)
             elif not variant.engine:
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
@@ -186,7 +191,7 @@ def run_task(task: Task) -> Outcome:
     """Run and compare one variant in every engine; the run folders of the finest levels are kept."""
     begin = time.perf_counter()
     case, outcome = task.case.variants()[task.variant], Outcome()
-    if case.pad is not None:
+    if is_ensemble(case):
         _run_ensembles(task, case, outcome)
         outcome.seconds = time.perf_counter() - begin
         return outcome
