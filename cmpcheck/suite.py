@@ -17,6 +17,7 @@ from pathlib import Path
 
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
+from cmpcheck.departures import apply_departures
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.ensembles import compare_ensembles
@@ -24,6 +25,7 @@ from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.results import CaseResult, Comparison, Convergence, SuiteResult, Trace
+from cmpcheck.soft_study import compare_soft
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
@@ -125,6 +127,9 @@ def run_suite(
     results = [
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
+    versions = {info.name: info.version for info in infos if info.available}
+    for result in results:
+        result.comparisons = apply_departures(result.comparisons, versions)
     return SuiteResult(profile, infos, results, provenance.collect(loaded), time.perf_counter() - begin)
 
 
@@ -251,6 +256,14 @@ def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
             continue
         outcome.comparisons += rows
         outcome.traces += traces
+        try:
+            rows, records, notes = compare_soft(case, engines, task.profile)
+        except Exception as problem:
+            outcome.comparisons.append(_failed(task, name, f"soft: {problem}"))
+            continue
+        outcome.comparisons += rows
+        outcome.convergences += records
+        outcome.notes += notes
 
 
 def _keep(task: Task, study: Study) -> None:

@@ -84,6 +84,13 @@ def deck_path(case_name: str) -> Path:
     raise EngineError(f"no LAMMPS deck for the case {case_name}; there are decks for {', '.join(names)}")
 
 
+def departure_deck(name: str) -> Path:
+    """Where the deck of a known departure is, if there is one: in a checkout or in an installed package."""
+    package = Path(cmpcheck.__file__).parent
+    folder = package / "lammps_inputs"
+    return (folder if folder.is_dir() else package.parent / "lammps_inputs") / "departures" / name
+
+
 def execute(lmp: Any, text: str, name: Path) -> None:
     """Run a part of the deck `name`; loops with `label` and `jump SELF` work within it.
 
