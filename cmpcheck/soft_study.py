@@ -103,7 +103,11 @@ def durations(case: Case, engine: str, profile: str) -> tuple[Durations, ...]:
         return tuple(Durations(t, t) for t in (own, own / 2, own / 4))
     if profile == "quick":
         return (Durations(4 * own, 4 * own),)
-    return (*(Durations(t, t) for t in (4 * own, 2 * own, own)), Durations(4 * own, own), Durations(own, 4 * own))
+    return (
+        *(Durations(t, t) for t in (4 * own, 2 * own, own)),
+        Durations(4 * own, own),
+        Durations(own, 4 * own),
+    )
 
 
 def run_soft(
@@ -132,7 +136,12 @@ def _observe(run: Run) -> list[float]:
     """The observables of one run, in their order."""
     removing = run.contacts[run.contacts["removed_volume"] > 0.0]
     flattening = 1.0 - float(run.history["flatness"].iloc[-1])
-    return [flattening, float(len(removing)), float(removing["depth"].sum()), float(removing["removed_volume"].sum())]
+    return [
+        flattening,
+        float(len(removing)),
+        float(removing["depth"].sum()),
+        float(removing["removed_volume"].sum()),
+    ]
 
 
 def compare_soft(
@@ -166,7 +175,9 @@ def _extrapolated(ensemble: SoftEnsemble) -> list[np.ndarray]:
     """Richardson's extrapolation at first order, the contacts' own, of each sample's difference."""
     *_, coarse, fine = ensemble.equal
     a, b = (ensemble.levels[j].surface for j in (coarse, fine))
-    return [(a * y - b * x) / (a - b) for x, y in zip(_at(ensemble, coarse), _at(ensemble, fine), strict=True)]
+    return [
+        (a * y - b * x) / (a - b) for x, y in zip(_at(ensemble, coarse), _at(ensemble, fine), strict=True)
+    ]
 
 
 def observed_order(ensemble: SoftEnsemble, k: int) -> tuple[float, float]:

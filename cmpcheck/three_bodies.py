@@ -52,7 +52,8 @@ def struck_softly(ratio: float, restitution: float) -> Outcome:
     longer, shorter = max(1.0, ratio), min(1.0, ratio)
     end = AFTERWARDS * longer
     path = solve_ivp(motion, (0.0, end), [0.0, 0.0, 0.0, -1.0], max_step=shorter / 20, **FINE)
-    approaches, touching = [], False
+    approaches: list[float] = []
+    touching = False
     for y in path.y.T:
         if not touching and y[0] < 0.0 and y[2] < 0.0:
             touching = True

@@ -24,9 +24,8 @@ def judge_of(setup: Setup) -> Judge:
     if judge is None:
         raise CaseError(
             f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres "
-            "without a wall, one sphere and a wall (with a uniform flow: a flat one), a sphere that falls on one "
-            "that rests on a wall, spheres in a flow "
-            "away from walls, a swarm without either"
+            "without a wall, one sphere and a wall (with a uniform flow: a flat one), a sphere that "
+            "falls on one that rests on a wall, spheres in a flow away from walls, a swarm without either"
         )
     return judge
 

@@ -1,6 +1,7 @@
-"""A sphere that rests on a flat wall and is struck by another: three bodies in contact at once, Eqs 9 and 29-36.
+"""A sphere that rests on a flat wall is struck by another: three bodies at once, Eqs 9 and 29-36.
 
-The exact values are impacts in turn, as the model has them.  What soft contacts make of it: `cmpcheck/three_bodies.py`.
+The exact values are impacts in turn, as the model has them.  What soft contacts make of it is
+`cmpcheck/three_bodies.py`.
 """
 
 from __future__ import annotations
@@ -33,11 +34,13 @@ class StruckJudge:
         falls = not apart[:2].any() and not state.velocity[1, :2].any() and state.velocity[1, 2] < 0.0
         if not (below and falls) or state.heights.any() or model.mass_pickup:
             raise ValueError(
-                "of two spheres and a wall only this is known: without mass_pickup, the first rests on a flat "
-                "wall and the second falls on it from straight above"
+                "of two spheres and a wall only this is known: without mass_pickup, the first rests on a "
+                "flat wall and the second falls on it from straight above"
             )
         self.setup, self.speed = setup, -float(state.velocity[1, 2])
-        self.exact = exact.resting_struck(*map(float, state.mass), self.speed, model.restitution)
+        self.exact = exact.resting_struck(
+            float(state.mass[0]), float(state.mass[1]), self.speed, model.restitution
+        )
         wall = wall_of(setup)
         hits = [
             exact.removing_impact(float(state.mass[0]), float(radii[0]), -v * UP, UP, wall)
@@ -53,7 +56,9 @@ class StruckJudge:
         for k, (name, value) in enumerate((("lower", self.exact.lower), ("upper", self.exact.upper))):
             found.add("velocity_z", "9, 29", "m/s", after[:, k], value, speed, name)
         impulse = q.momentum_change(run, copies)
-        found.add("normal_impulse", "29, 30", "N s", impulse, self.exact.normal_impulse, impulse.mean(), "wall")
+        found.add(
+            "normal_impulse", "29, 30", "N s", impulse, self.exact.normal_impulse, impulse.mean(), "wall"
+        )
         if self.removals:
             caps = [rows["removed_volume"].to_numpy() for rows in q.contacts_by_copy(run, setup, "surface")]
             counts = np.array([float((cap > 0.0).sum()) for cap in caps])
@@ -66,17 +71,19 @@ class StruckJudge:
         return found
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
-        """How high the bottoms of both spheres are, the upper one's above the top of the lower one at rest."""
+        """Heights of both spheres above where they touch the wall and each other."""
         case, times = setup.case, run.times
         start, radii = split(setup.state.position, setup.copies)[0, :, 2], self.setup.state.diameter / 2
         rest = np.array([radii[0], 2 * radii[0] + radii[1]])
         if engine == "exact":
             met = (start[1] - rest[1]) / self.speed
             after = np.array([self.exact.lower, self.exact.upper]) * np.maximum(times - met, 0.0)[:, None]
-            heights = after + [0.0, 1.0] * np.maximum(met - times, 0.0)[:, None] * self.speed
+            heights = after + np.array([0.0, 1.0]) * np.maximum(met - times, 0.0)[:, None] * self.speed
         else:
             heights = unwrapped(run, setup)[:, :2, 2] - rest
         return [
-            Trace(case.name, case.variant, engine, f"height of the {name} sphere", "m", tuple(times), tuple(z))
+            Trace(
+                case.name, case.variant, engine, f"height of the {name} sphere", "m", tuple(times), tuple(z)
+            )
             for name, z in zip(("lower", "upper"), heights.T, strict=True)
         ]
