@@ -149,9 +149,9 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
     for index, case in enumerate(result.cases):
         own = [row for row in case.comparisons if verdicts.part_of(row) == part]
         ensemble = any(row.kind == "statistical" for row in case.comparisons)
-        convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else "2") == part]
-        crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
         home = "3" if ensemble else "2"
+        convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else home) == part]
+        crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
         traces = [t for t in case.traces if (home if t.label in crossed else "1") == part]
         if not (own or convergences or traces):
             continue
