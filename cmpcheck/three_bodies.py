@@ -74,7 +74,7 @@ def struck_by_impulses(restitution: float) -> Outcome:
 
     >>> outcome = struck_by_impulses(0.5)
     >>> round(outcome.lower, 3), round(outcome.upper, 3)
-    (0.058, 0.275)
+    (0.057, 0.275)
     """
     pair, approaches, impulse = _pair_force(restitution), [], 0.0
 
