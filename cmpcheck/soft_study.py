@@ -27,7 +27,7 @@ from reference.recording import Run
 
 FORM = "soft"
 PAIRS = {"quick": 9, "full": 24}
-REFERENCE_STEP = 1e-9  # s; below 2 ns Pi(T) of polish_pair no longer moves by more than .002
+REFERENCE_STEP = 1e-9  # s; polish_pair is converged in the time step below about 2 ns
 
 
 class Observable(NamedTuple):
