@@ -54,7 +54,7 @@ def steps_of(position: np.ndarray, periods: np.ndarray, pairs: int) -> Callable[
     fields |= dict(zip(("length_x", "length_y", "length_z"), map(float, periods), strict=True))
     fields |= {"restitution": 0.5, "static_friction": 0.3, "dynamic_friction": 0.3}
     fields |= {"flow": FLOW_UNIFORM, "fluid_density": 1000.0, "viscosity": VISCOSITY, "deposit": DEPOSIT_NONE}
-    fields |= {"has_surface": False, "mass_pickup": False, "has_pad": False}
+    fields |= {"has_surface": False, "mass_pickup": False, "has_pad": False, "has_pairs": True}
     model, numerics = Model(**fields), Numerics(STEP, False, 1e-6, 8, False, False, 0.0)
     velocity = np.random.default_rng(1).uniform(-1.0, 1.0, (n, 3))
     mass, diameter = np.full(n, DENSITY * math.pi / 6 * D**3), np.full(n, D)

@@ -145,7 +145,7 @@ def _judge_rounding(blank: Comparison, study: Study, key: Key) -> Comparison:
     worst = max(found_on(study, key), key=lambda m: float(_deviation(m).max()) / m.rounding)
     value = float(worst.values[_deviation(worst).argmax()])
     error = abs(value - worst.expected)
-    counted = worst.quantity == "impacts"
+    counted = worst.quantity in ("impacts", "removals")
     reason = (
         "a count, equal in every copy and on every level"
         if counted

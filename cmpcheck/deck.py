@@ -150,7 +150,7 @@ def _attach(lmp: Any, deck: Deck, setup: Setup) -> SlurryFix:
             form=_variable(lmp, "form") or "soft",
             contact_duration=float(_variable(lmp, "contact_duration") or 0.0) * MICRO,
             ledger_speed=case.numerics.ledger_speed,
-            observe_pairs=atoms > 1,
+            observe_pairs=setup.model.has_pairs and atoms > 1,
             case=str(deck.path),
         )
         fix.attach()

@@ -162,10 +162,11 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
     blocks: list[Block] = []
     for index, case in enumerate(result.cases):
         own = [row for row in case.comparisons if verdicts.part_of(row) == part]
-        convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else "2") == part]
-        crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
-        traces = [t for t in case.traces if ("2" if t.label in crossed else "1") == part]
         ensembles = case.ensembles if part == "3" else []
+        home = "3" if case.ensembles else "2"
+        convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else home) == part]
+        crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
+        traces = [t for t in case.traces if (home if t.label in crossed else "1") == part]
         if not (own or convergences or traces or ensembles):
             continue
         anchor = f"part-{part}-case-{index + 1}"

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
+from cmpcheck.departures import apply_departures
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.ensembles import check_settings, compare_ensembles
@@ -32,6 +33,7 @@ from cmpcheck.results import (
     SuiteResult,
     Trace,
 )
+from cmpcheck.soft_study import compare_soft
 from cmpcheck.studies.registry import run_studies
 from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
@@ -81,7 +83,12 @@ def comparable_cases(profile: str) -> list[str]:
     Ensembles, whose verdict needs minutes of samples, are compared by default in the full profile only.
     """
     cases = [load_case(name) for name in available_cases()]
-    return [case.name for case in cases if case.engine and (profile == "full" or case.pad is None)]
+    return [case.name for case in cases if case.engine and (profile == "full" or not is_ensemble(case))]
+
+
+def is_ensemble(case: Case) -> bool:
+    """Whether trajectories of a case part too early to be compared: many particles wear a surface."""
+    return case.pad is not None or (case.particles is not None and case.surface.kind != "none")
 
 
 def run_suite(
@@ -115,13 +122,13 @@ def run_suite(
     for case in loaded:
         for k, variant in enumerate(case.variants()):
             setup = build_setup(variant)
-            if not setup.model.has_pad:
+            if not is_ensemble(variant):
                 judge_of(setup)
             elif not variant.engine:
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
                 if name in variant.engine:
-                    (check_settings if setup.model.has_pad else contact_settings)(variant, name)
+                    (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
             tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
     totals = {case.name: len(case.variants()) for case in loaded}
     outcomes: dict[tuple[str, int], Outcome] = {}
@@ -133,6 +140,9 @@ def run_suite(
     results = [
         _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
     ]
+    versions = {info.name: info.version for info in infos if info.available}
+    for found in results:
+        found.comparisons = apply_departures(found.comparisons, versions)
     result = SuiteResult(profile, infos, results, provenance.collect(loaded))
     try:
         result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
@@ -197,7 +207,7 @@ def run_task(task: Task) -> Outcome:
     """Run and compare one variant in every engine; the run folders of the finest levels are kept."""
     begin = time.perf_counter()
     case, outcome = task.case.variants()[task.variant], Outcome()
-    if case.pad is not None:
+    if is_ensemble(case):
         _run_ensembles(task, case, outcome)
         outcome.seconds = time.perf_counter() - begin
         return outcome
@@ -259,6 +269,14 @@ def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
             continue
         outcome.comparisons += rows
         outcome.ensembles.append(ensemble)
+        try:
+            rows, records, notes = compare_soft(case, engines, task.profile)
+        except Exception as problem:
+            outcome.comparisons.append(_failed(task, name, f"soft: {problem}"))
+            continue
+        outcome.comparisons += rows
+        outcome.convergences += records
+        outcome.notes += notes
 
 
 def _keep(task: Task, study: Study) -> None:

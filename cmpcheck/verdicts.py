@@ -146,12 +146,12 @@ def worst_first(rows: Iterable[Comparison]) -> list[Comparison]:
 def closeness(result: SuiteResult) -> dict[str, dict[str, float]]:
     """The largest error relative to the reference value, by quantity and engine.
 
-    Rows without verdict count for nothing, nor do those whose reference is zero within the tolerance:
-    a relative error says nothing about them.
+    Rows without verdict and known departures count for nothing, nor do those whose reference is zero
+    within the tolerance: a relative error says nothing about them.
     """
     table: dict[str, dict[str, float]] = {}
     for row in result.comparisons:
-        if ratio(row) is None or not row.tolerance < abs(row.reference):
+        if ratio(row) is None or standing(row) == KNOWN or not row.tolerance < abs(row.reference):
             continue
         relative = row.error / abs(row.reference)
         engines = table.setdefault(row.quantity, {})

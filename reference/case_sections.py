@@ -127,6 +127,7 @@ class Contact(Section):
     static_friction: NotNegative = 0.0
     dynamic_friction: NotNegative = 0.0
     impact_duration: Time | None = None  # without it: Hertz's
+    pairs: StrictBool = True  # false: particles pass through each other
 
 
 class Removal(Section):

@@ -163,6 +163,7 @@ def build_model(
         pad_descent=pad_descent,
         pad_minimum=pad_minimum,
         new_contacts_only=removal.new_contacts_only if removal else False,
+        has_pairs=contact.pairs,
     )
 
 

@@ -47,7 +47,8 @@ def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
     work.blows[:] = 0.0
     work.gained[:] = 0.0
     work.simultaneous[:] = 0.0
-    row = collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row)
+    if model.has_pairs:
+        row = collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row)
     walls = row
     if model.has_surface:
         row = collide_surface(model, dt, time, pad_height, p, heights, work.clearance, rows, row)

@@ -50,6 +50,7 @@ class Model(NamedTuple):
     pad_restitution: float  # e_pad
     pad_descent: float  # V_z, m/s, times A
     pad_minimum: float  # H_min, m
+    has_pairs: bool = True  # particles collide with each other
     new_contacts_only: bool = False  # a particle that touched the surface one step before removes nothing
 
 

@@ -17,15 +17,18 @@ from cmpcheck.engines.lammps_library import EngineError, available
 from cmpcheck.engines.lammps_setup import Deck, deck_path
 from cmpcheck.fixes.layout import STATE_COLUMNS
 from cmpcheck.study import contact_settings
+from cmpcheck.three_bodies import struck_softly
 from reference.case import CaseError, available_cases, load_case
+from reference.exact import resting_struck
 
 PROGRAMS = Path(sys.executable).parent
 NATIVE = (
     "pair_head_on", "pair_stick", "pair_slip", "swarm", "drag_relaxation", "drag_regimes", "couette_drift",
 )  # fmt: skip
 SINGLE = ("wall_bounce", "wall_oblique", "asperity_bounce", "bounce_train")
-POLISH = ("polish_pair",)
-WITH_FIX = SINGLE + POLISH
+POLISH = ("polish_pair", "polish_pair_surface_only")
+STRUCK = ("resting_struck",)
+WITH_FIX = SINGLE + POLISH + STRUCK
 DECKS = NATIVE + WITH_FIX
 TOO_LONG = ("polish", "polish_full", "polish_volume", "fine_abrasive")  # for a soft-sphere engine: no deck
 # Two ranks add the same few numbers in another order: a few units in the last place of a sum
@@ -152,18 +155,33 @@ def test_cmpcheck_deck_runs_it_with_the_same_result_on_one_and_two_ranks(name, t
 
 
 @needs_lammps
-def test_a_polishing_deck_polishes_and_another_seed_otherwise(tmp_path):
+def test_the_struck_deck_shows_soft_contacts_apart_from_impacts_in_turn(tmp_path):
+    log = tmp_path / "log"
+    quiet = ["-log", str(log), "-screen", "none", "-echo", "none"]
+    assert run_deck(["-in", str(deck_path("resting_struck")), *quiet]) == 0
+    lower, upper, _ = (NUMBER.findall(line) for line in said(log.read_text("utf-8"))[:3])
+    in_turn = resting_struck(1.0, 1.0, 1.0, 0.5)
+    # printed with six decimals
+    assert [float(lower[1]), float(upper[1])] == pytest.approx([in_turn.lower, in_turn.upper], abs=1e-6)
+    # three contacts at 50 steps, each off by 2 ln(2)/50 of the speed at most
+    soft = struck_softly(1.0, 0.5)
+    assert [float(lower[0]), float(upper[0])] == pytest.approx([soft.lower, soft.upper], abs=6 * 0.693 / 50)
+
+
+@needs_lammps
+@pytest.mark.parametrize("name, duration", [("polish_pair", "40"), ("polish_pair_surface_only", "20")])
+def test_a_polishing_deck_polishes_and_another_seed_otherwise(name, duration, tmp_path):
     results = []
     for seed in ("1", "1", "2"):
         log = tmp_path / "log"
-        coarse = {"seed": seed, "duration": "40", "contact_duration": "0.01", "steps_per_contact": "30"}
+        coarse = {"seed": seed, "duration": duration, "contact_duration": "0.01", "steps_per_contact": "30"}
         flags = [word for key, value in coarse.items() for word in ("-var", key, value)]
         quiet = ["-log", str(log), "-screen", "none", "-echo", "none"]
-        assert run_deck(["-in", str(deck_path("polish_pair")), *flags, *quiet]) == 0
+        assert run_deck(["-in", str(deck_path(name)), *flags, *quiet]) == 0
         results.append(said(log.read_text("utf-8")))
     first, again, other = results
     assert first == again != other
-    assert "in.polish_pair: all spheres are still there" in first
+    assert f"in.{name}: all spheres are still there" in first
     for lines in (first, other):
         removals, volume, _, mass = map(float, NUMBER.findall(_line(lines, "cmpcheck: ", " m3")))
         pi = float(NUMBER.findall(_line(lines, "cmpcheck: Pi"))[-1])
@@ -319,7 +337,11 @@ def test_a_deck_has_the_numbers_of_its_case(name):
     if case.pad:
         same("pad_height", case.pad.initial_height * 1e6)
         same("wall_speed", case.pad.speed)
+    if name in POLISH:
         same("asperity_height", case.surface.asperity_height * 1e6)
+        if not case.pad:
+            same("wall_speed", case.fluid.wall_speed)
+            same("gap", case.fluid.gap * 1e6)
     if case.particles:
         same("count", case.particles.count)
         same("mean_diameter", case.particles.mean_diameter * 1e6)

@@ -22,6 +22,7 @@ from cmpcheck.engines.reference import ReferenceEngine
 from cmpcheck.judges import Judge, judge_of
 from cmpcheck.results import Comparison
 from cmpcheck.study import align_outputs, engine_study, reference_study
+from cmpcheck.suite import is_ensemble
 from reference.case import available_cases, load_case
 from reference.process import build_setup
 from reference.recording import Run
@@ -175,14 +176,14 @@ def one_higher(position: np.ndarray) -> np.ndarray:
 FRICTION = ("static_friction", "dynamic_friction")
 NO_DRAG = ledger(lambda rows: rows.assign(external_force=0.0))
 
-JUDGED = [name for name in available_cases() if load_case(name).pad is None]  # the others are ensembles
+JUDGED = [name for name in available_cases() if not is_ensemble(load_case(name))]
 ALL = [(name, variant.variant) for name in JUDGED for variant in load_case(name).variants()]
 SINGLE = [case for case in ALL if case[0] != "swarm"]
 HEAD_ON, SLIP, STICK = ("pair_head_on", "e0.5"), ("pair_slip", ""), ("pair_stick", "")
 BOUNCE, CLEAN, OBLIQUE = ("wall_bounce", "pickup"), ("wall_bounce", "no_pickup"), ("wall_oblique", "30deg")
 EDGE, FLANK = ("asperity_bounce", "edge"), ("asperity_bounce", "flank")
 STOKES, REGIMES, COUETTE = ("drag_relaxation", ""), ("drag_regimes", ""), ("couette_drift", "")
-TRAIN = ("bounce_train", "")
+TRAIN, RESTING = ("bounce_train", ""), ("resting_struck", "")
 
 PATH = {"trajectory_distance"}
 VELOCITY = {"velocity_x", "velocity_y", "velocity_z"}
@@ -194,6 +195,7 @@ GAIN = {"removed_mass", "velocity_z", "energy_lost"}  # the mass picked up slows
 REBOUND = {"normal_impulse", "load", "restitution", *CAP, *GAIN}
 TURNED = {"approach_speed", "velocity_x", *REBOUND, *PATH}
 CUT = {"removed_volume", "removed_mass"}
+SHARED = {"velocity_z", "normal_impulse", "removed_volume"}
 TRAINED = {"approach_speed", "normal_impulse", "load", *CUT}
 
 FAULTS = [
@@ -230,6 +232,10 @@ FAULTS = [
     Fault(TRAIN, "mass not picked up", {"removed_mass", *BALANCE}, model(mass_pickup=False)),
     Fault(TRAIN, "5 % more taken off the wall", BALANCE, model(acceleration=1.05)),
     Fault(TRAIN, "an impact forgotten", {"impacts"}, spoil=ledger(once_less)),
+    Fault(RESTING, "restitution + 0.5 %", SHARED, model(restitution=times(1.005))),
+    Fault(RESTING, "cap volume + 5 %", {"removed_volume"}, model(yield_stress=times(1.05**-0.5))),
+    Fault(RESTING, "no pair impulse", {*SHARED, "removals"}, model(has_pairs=False)),
+    Fault(RESTING, "second impact in vain", {"removals", "removed_volume"}, model(threshold_velocity=0.1)),
     Fault(STOKES, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
     Fault(STOKES, "viscosity + 0.1 %", PATH, model(viscosity=times(1.001))),
     Fault(STOKES, "flow + 0.1 %", {"velocity_x", *PATH}, model(flow_x=times(1.001))),

@@ -35,7 +35,7 @@ def model(**changes):
     fields |= {"surface_modulus": 1.36e11, "surface_density": 8960.0, "poisson_ratio": 0.34}
     fields |= {"yield_stress": 8.2e6, "acceleration": 1.0, "spacing": BOX / 4}
     fields |= {"flow": FLOW_NONE, "deposit": DEPOSIT_NONE}
-    fields |= {"has_surface": False, "mass_pickup": True, "has_pad": False}
+    fields |= {"has_surface": False, "mass_pickup": True, "has_pad": False, "has_pairs": True}
     return Model(**(fields | changes))
 
 

@@ -120,7 +120,7 @@ def _simulate(
         sample_every=stride,
         max_samples=len(setup.output_times),
         ledger_speed=setup.case.numerics.ledger_speed,
-        observe_pairs=len(setup.state.mass) > setup.copies,
+        observe_pairs=setup.model.has_pairs and len(setup.state.mass) > setup.copies,
         case=_label(setup),
     )
     fix.attach()

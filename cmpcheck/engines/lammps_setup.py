@@ -84,6 +84,13 @@ def deck_path(case_name: str) -> Path:
     raise EngineError(f"no LAMMPS deck for the case {case_name}; there are decks for {', '.join(names)}")
 
 
+def departure_deck(name: str) -> Path:
+    """Where the deck of a known departure is, if there is one: in a checkout or in an installed package."""
+    package = Path(cmpcheck.__file__).parent
+    folder = package / "lammps_inputs"
+    return (folder if folder.is_dir() else package.parent / "lammps_inputs") / "departures" / name
+
+
 def execute(lmp: Any, text: str, name: Path) -> None:
     """Run a part of the deck `name`; loops with `label` and `jump SELF` work within it.
 
@@ -123,7 +130,8 @@ def variables(setup: Setup, resolution: Resolution, time_step: float) -> dict[st
         "restitution": model.restitution,
         "friction": model.dynamic_friction,
         "contact_duration": resolution.contact_duration / MICRO,
-        "steps_per_contact": resolution.contact_duration / time_step,
+        "pair_ratio": resolution.pair_ratio,
+        "steps_per_contact": min(1.0, resolution.pair_ratio) * resolution.contact_duration / time_step,
         "time_step": time_step / MICRO,
         "effective_mass": effective_mass(state, setup.copies) / PICOGRAM,
         "fluid_density": model.fluid_density / DENSITY,

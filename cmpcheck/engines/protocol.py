@@ -17,6 +17,7 @@ class Resolution:
     time_step: float  # s
     contact_duration: float = 0.0  # t_c of soft contacts, s; the reference has none
     form: str = "native"  # of surface contacts in the Python fix: soft | impulse; native: no fix
+    pair_ratio: float = 1.0  # t_c of contacts between particles, over contact_duration
 
     @property
     def steps_per_contact(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from cmpcheck.judges.drag import DragJudge
 from cmpcheck.judges.pair import PairJudge
 from cmpcheck.judges.protocol import Judge, Measured
+from cmpcheck.judges.struck import StruckJudge
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.judges.train import TrainJudge
 from cmpcheck.judges.wall import WallJudge
@@ -23,8 +24,8 @@ def judge_of(setup: Setup) -> Judge:
     if judge is None:
         raise CaseError(
             f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres "
-            "without a wall, one sphere and a wall (with a uniform flow: a flat one), spheres in a flow "
-            "away from walls, a swarm without either"
+            "without a wall, one sphere and a wall (with a uniform flow: a flat one), a sphere that "
+            "falls on one that rests on a wall, spheres in a flow away from walls, a swarm without either"
         )
     return judge
 
@@ -43,4 +44,6 @@ def _judge_of(setup: Setup) -> Judge | None:
         return WallJudge(setup)
     if explicit and particles == 1 and wall and flat and model.flow == FLOW_UNIFORM:
         return TrainJudge(setup)
+    if explicit and particles == 2 and wall and not drags and model.has_pairs:
+        return StruckJudge(setup)
     return SwarmJudge(setup) if not drags and not wall else None

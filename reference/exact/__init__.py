@@ -36,6 +36,7 @@ from reference.exact.indent import (
     tensor_von_mises,
     yield_radius,
 )
+from reference.exact.struck import Struck, resting_struck
 from reference.exact.touch import (
     SurfaceTouch,
     broken_line,
@@ -62,6 +63,7 @@ __all__ = [
     "Removal",
     "Sphere",
     "SphereTouch",
+    "Struck",
     "SurfaceTouch",
     "Wall",
     "WallImpact",
@@ -87,6 +89,7 @@ __all__ = [
     "point_load_stress",
     "removal",
     "removing_impact",
+    "resting_struck",
     "stokes_motion",
     "stokes_time",
     "tensor_von_mises",
