@@ -95,6 +95,19 @@ def test_stokes_drag_is_implicit_euler_to_rounding(fixed_point, ratio, steps):
 
 
 @BY_SCHEME
+def test_a_call_without_a_step_changes_nothing(fixed_point):
+    """So that a run may be interrupted and gone on with anywhere."""
+    one = Particles(*FALL)
+    one.advance(stokes(), 3 * TAU, TAU / 10, fixed_point)
+    before = one.scalars.copy(), one.position.copy(), one.velocity.copy()
+    numerics = Numerics(TAU / 10, fixed_point, TOL, 8, False, False, 0.0)
+    now = one.scalars[P.time]
+    assert advance(stokes(), numerics, one.scalars, now, 0, one.arrays, one.heights, one.rows) == DONE
+    for old, new in zip(before, (one.scalars, one.position, one.velocity), strict=True):
+        assert np.array_equal(old, new)
+
+
+@BY_SCHEME
 def test_the_error_is_of_first_order_in_the_step(fixed_point):
     end = exact.stokes_motion([TAU], *FALL, np.zeros(3), TAU)
     errors = []
