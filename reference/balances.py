@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from reference.case import Case
 from reference.recording import SUMS, Run
+from reference.state import DEPOSIT_NONE, DEPOSIT_VOLUME, Model
 
 EPS = float(np.finfo(float).eps)
 SIMULTANEOUS_SHARE = 0.01  # of the energy that contacts dissipate, from which on a run says so
@@ -36,28 +39,55 @@ class Balance:
         return abs(self.residual) <= self.bound
 
 
-def balances(run: Run) -> list[Balance]:
-    """The balances of a run between its first and its last record.
+class Removing(NamedTuple):
+    """How material leaves the surface."""
+
+    by_volume: bool  # deposit `volume`, else `node_depth`
+    acceleration: float  # A
+    mass_pickup: bool
+    density: float  # of the surface, kg/m3
+
+
+def removing_of_case(case: Case) -> Removing | None:
+    """As the case has it; None where nothing is removed."""
+    if case.removal is None or case.surface.material is None:
+        return None
+    density = case.material[case.surface.material].density
+    removal = case.removal
+    return Removing(removal.deposit == "volume", removal.acceleration, removal.mass_pickup, density)
+
+
+def removing_of_model(model: Model) -> Removing | None:
+    """As the constants of a setup have it, which may differ from its case; None where nothing is removed."""
+    if model.deposit == DEPOSIT_NONE:
+        return None
+    by_volume = model.deposit == DEPOSIT_VOLUME
+    return Removing(by_volume, model.acceleration, model.mass_pickup, model.surface_density)
+
+
+def balances(run: Run, removing: Removing | None = None) -> list[Balance]:
+    """The balances of a run between its first and its last record; `removing` is by default its case's.
 
     They are energy and momentum_x, y, z; mass; removed_mass and volume where there is a removable surface.
     Runs of other engines do not record what they need: there the list is empty.
     """
     if not set(SUMS) <= set(run.history.columns) or run.history.empty:
         return []
+    removing = removing or removing_of_case(run.case)
     first, last = run.history.iloc[0], run.history.iloc[-1]
     found = [
         _energy(run, first, last),
         *(_momentum(run, first, last, axis) for axis in "xyz"),
-        _mass(run, last),
+        _mass(run, last, removing),
     ]
-    if run.case.removal is not None and run.surface is not None and run.surface_initial is not None:
-        found += [_removed_mass(run, last), _volume(run, last)]
+    if removing is not None and run.surface is not None:
+        found += [_removed_mass(last, removing), _volume(run, last, removing)]
     return found
 
 
-def violation(run: Run) -> str:
+def violation(run: Run, removing: Removing | None = None) -> str:
     """One line that names a balance that does not hold, its residual and its bound; empty if all hold."""
-    for balance in balances(run):
+    for balance in balances(run, removing):
         if not balance.holds:
             return (
                 f"the balance of {balance.name} is off by {balance.residual:.3g} {balance.unit}, more than "
@@ -66,7 +96,7 @@ def violation(run: Run) -> str:
     return ""
 
 
-def close_books(run: Run) -> str:
+def close_books(run: Run, removing: Removing | None = None) -> str:
     """Record balances and remarks on them in the run's provenance; return the violation, if any.
 
     A run that violates a balance is marked as not complete; one that was cut short is left as it is.
@@ -75,9 +105,9 @@ def close_books(run: Run) -> str:
         return ""
     run.provenance["balances"] = {
         balance.name: {"residual": balance.residual, "bound": balance.bound, "unit": balance.unit}
-        for balance in balances(run)
+        for balance in balances(run, removing)
     }
-    problem = violation(run)
+    problem = violation(run, removing)
     remarks = [*_remarks(run), *([problem] if problem else [])]
     run.provenance["notes"] = [*run.provenance.get("notes", []), *remarks]
     if problem:
@@ -161,33 +191,28 @@ def _record_rounding(run: Run) -> float:
     return EPS * (run.masses.shape[1] + 10)
 
 
-def _mass(run: Run, last: pd.Series) -> Balance:
+def _mass(run: Run, last: pd.Series, removing: Removing | None) -> Balance:
     """Each of the removals rounds one mass by u m; the two sums and their difference round by (N + 2) eps."""
-    picked_up = float(last["removed_mass"]) if _carries(run) else 0.0
+    carried = removing is not None and removing.mass_pickup
+    picked_up = float(last["removed_mass"]) if carried else 0.0
     gained = math.fsum(run.masses[-1]) - math.fsum(run.masses[0])
     heaviest, total = float(run.masses[-1].max(initial=0.0)), float(run.masses[-1].sum())
     return Balance(
         "mass",
-        "change of the particles' mass - removed_mass" if _carries(run) else "change of the particles' mass",
+        "change of the particles' mass - removed_mass" if carried else "change of the particles' mass",
         gained - picked_up,
         EPS * (float(last["removals"]) * heaviest + 4.0 * total) if picked_up > 0.0 else 0.0,
         "kg",
     )
 
 
-def _carries(run: Run) -> bool:
-    return run.case.removal is not None and run.case.removal.mass_pickup
-
-
-def _removed_mass(run: Run, last: pd.Series) -> Balance:
+def _removed_mass(last: pd.Series, removing: Removing) -> Balance:
     """Each mass is a volume times the density, rounded once; both sums are compensated."""
-    assert run.case.surface.material is not None
-    density = run.case.material[run.case.surface.material].density
     mass = float(last["removed_mass"])
     return Balance(
         "removed_mass",
         "removed_mass - density removed_volume",
-        mass - density * float(last["removed_volume"]),
+        mass - removing.density * float(last["removed_volume"]),
         8.0 * EPS * mass,
         "kg",
     )
@@ -203,20 +228,18 @@ def _volume_lost(run: Run) -> float:
     return run.surface.spacing**2 * math.fsum((run.surface_initial.z - run.surface.z).ravel())
 
 
-def _volume(run: Run, last: pd.Series) -> Balance:
+def _volume(run: Run, last: pd.Series, removing: Removing) -> Balance:
     """The surface against the sum of what impacts took off it; nothing else moves a node, no floor stops one.
 
     A removal rounds three heights with deposit `volume`, one with `node_depth`, by u z each; no |z| exceeds
     that of the first and of the last surface, as nodes only fall.  The amount of one removal is rounded some
     ten times, shared out with weights whose sum is off by 3 u; sums and differences round by as much again.
     """
-    assert run.case.removal is not None
     assert run.surface is not None
     assert run.surface_initial is not None
-    removal, area = run.case.removal, run.surface.spacing**2
-    by_volume = removal.deposit == "volume"
+    area, by_volume = run.surface.spacing**2, removing.by_volume
     amount = float(last["removed_volume"]) if by_volume else area * float(last["depth_sum"])
-    lost, taken = _volume_lost(run), removal.acceleration * amount
+    lost, taken = _volume_lost(run), removing.acceleration * amount
     highest = max(float(np.abs(surface.z).max()) for surface in (run.surface_initial, run.surface))
     lowerings = (3.0 if by_volume else 1.0) * float(last["removals"])
     return Balance(

@@ -42,6 +42,7 @@ class Work(NamedTuple):
     velocity: np.ndarray  # (N, 3), at the end of the step, m/s
     trial: np.ndarray  # (N, 3), r^k of the paper's iteration, not wrapped, m
     clearance: np.ndarray  # (N,), travel until the surface can be touched, m
+    descent: np.ndarray  # (1,), speed at which the pad comes down, m/s
 
 
 @kernel
@@ -49,7 +50,7 @@ def empty_work(n):
     """The arrays of a step for `n` particles, all zero."""
     return Work(
         np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((n, 3)), np.zeros(n),
+        np.zeros((n, 3)), np.zeros(n), np.zeros(1),
     )  # fmt: skip
 
 
@@ -259,14 +260,15 @@ def impact_energy_lost(mass, gained, velocity, v_n, normal_impulse):
 
 
 @kernel
-def collide_pad(model, time, pad_height, p, rows, row):
+def collide_pad(model, time, pad_height, descent, p, rows, row):
     """Fill a ledger row for each impact on the descending pad, a frictionless plane at `pad_height`.
 
-    Paper: Section 4 leaves the pad's contact open; here J = (1+e_pad) m (v_z + V_z), downwards.
+    Paper: Section 4 leaves the pad's contact open; here J = (1+e_pad) m (v_z + V_z), downwards, with
+    the speed V_z = `descent` (m/s) of the pad at this step.
     """
     for i in range(p.position.shape[0]):
         x, v = p.position[i], p.velocity[i]
-        approach = v[2] + model.pad_descent
+        approach = v[2] + descent
         if x[2] + 0.5 * p.diameter[i] <= pad_height or approach <= 0.0:
             continue
         normal = surface_normal_impulse(p.mass[i], -approach, model.pad_restitution)

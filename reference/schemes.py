@@ -53,7 +53,7 @@ def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
     if model.has_surface:
         row = collide_surface(model, dt, time, pad_height, p, heights, work.clearance, rows, row)
     if model.has_pad:
-        row = collide_pad(model, time, pad_height, p, rows, row)
+        row = collide_pad(model, time, pad_height, work.descent[0], p, rows, row)
     deliver(model, p, work, rows, walls, row)
     return row
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from reference.balances import close_books
+from reference.balances import close_books, removing_of_model
 from reference.case import Case
 from reference.checkpoint import Checkpoint, Saved, finished_run
 from reference.heightfield import Heightfield
@@ -116,16 +116,16 @@ def simulate_setup(
         recorder.complete = True
     finally:
         run = recorder.run()
-        problem = close_books(run)
+        problem = close_books(run, removing_of_model(setup.model))
         if out is not None:
             run.provenance["timing"] = timing(
                 recorder.wall_time, run.provenance["steps"], len(run.diameters), recorder.sessions
             )
             run.save(Path(out))
-    if problem:
-        raise SimulationError(f"{setup.case.name}: {problem}", run)
     if checkpoint is not None:
         checkpoint.remove()
+    if problem:
+        raise SimulationError(f"{setup.case.name}: {problem}", run)
     if progress is not None:
         progress(1.0)
     return run

@@ -14,6 +14,7 @@ from reference import ledger as col
 from reference.collisions import commit_removal, empty_work
 from reference.compiled import formula, kernel
 from reference.neighbors import neighbor_pairs
+from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import collide, solve_fixed_point, solve_point_implicit
 
 DONE, LEDGER_FULL, NOT_FINITE, NOT_CONVERGED, STEP_VANISHED = range(5)
@@ -182,7 +183,7 @@ def accept(model, dt, p, work, booked):
 
 
 @kernel
-def account(model, numerics, progress, dt, rows, first, last, booked):
+def account(numerics, progress, dt, descent, rows, first, last, booked):
     """Book the contacts of an accepted step, keep those worth a row in the ledger; return their end."""
     kept, loss, pad, surface_x, surface_y, surface_z = first, 0.0, 0.0, 0.0, 0.0, 0.0
     for row in range(first, last):
@@ -205,7 +206,7 @@ def account(model, numerics, progress, dt, rows, first, last, booked):
             rows[kept] = out
             kept += 1
     booked[P.contacts], booked[P.contact_loss] = last - first, loss
-    booked[P.pad_impulse_z], booked[P.pad_work] = -pad, pad * model.pad_descent
+    booked[P.pad_impulse_z], booked[P.pad_work] = -pad, pad * descent
     booked[P.surface_impulse_x], booked[P.surface_impulse_y] = surface_x, surface_y
     booked[P.surface_impulse_z] = surface_z
     return kept
@@ -259,6 +260,8 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
             travelled = 0.0
         if used + pairs.shape[0] + 2 * n > rows.shape[0]:
             return LEDGER_FULL
+        if model.has_pad:
+            work.descent[0] = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
 
         if numerics.fixed_point:
             found, error, factor = solve_fixed_point(
@@ -296,11 +299,11 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
             booked[P.momentum_rounding] += EPS * size_of(progress, P.fluid_impulse_x, P.pad_impulse_z)
         if model.has_surface and commit_removal(model, heights, rows, used, found):
             highest = heights.max()
-        progress[P.rows] = account(model, numerics, progress, dt, rows, used, found, booked)
+        progress[P.rows] = account(numerics, progress, dt, work.descent[0], rows, used, found, booked)
         add(progress, booked, lost)
         step += 1
         progress[P.steps] += 1
         progress[P.time] = time + dt if numerics.fixed_point else t_start + step * uniform
         if model.has_pad:
-            lowest = max(highest + 0.5 * largest, model.pad_minimum)
-            progress[P.pad_height] = min(pad_height, max(pad_height - model.pad_descent * dt, lowest))
+            lowest = lowest_pad_height(model, highest, largest)
+            progress[P.pad_height] = lowered_pad(model, pad_height, lowest, dt)

@@ -17,7 +17,7 @@ from reference.case import Case, CaseError, load_case
 from reference.checkpoint import INDEX, Checkpoint, Saved
 from reference.process import build_setup
 from reference.recording import Run
-from reference.simulation import simulate
+from reference.simulation import SimulationError, simulate
 
 RECORDED = ("case.toml", "trajectory.h5", "contacts.parquet", "history.parquet")
 
@@ -126,6 +126,10 @@ def test_what_a_checkpoint_loses_is_seen(tmp_path, whole, monkeypatch, rows):
 
     monkeypatch.setattr(Checkpoint, "add", forget)
     begin(POLISH, tmp_path)
+    if rows == "history":  # its last row is the sums of the balances, too
+        with pytest.raises(SimulationError, match="balance"):
+            simulate(POLISH, tmp_path, resume=True)
+        return
     simulate(POLISH, tmp_path, resume=True)
     different = {name for name, digest in digests(tmp_path).items() if digest != digests(whole)[name]}
     file = {"ledger": "contacts.parquet", "history": "history.parquet", "positions": "trajectory.h5"}[rows]
@@ -151,8 +155,12 @@ def test_a_state_that_is_not_restored_is_seen(tmp_path, whole, monkeypatch, name
 
     monkeypatch.setattr(simulation._Recorder, "restore", forget)
     begin(POLISH, tmp_path)
-    simulate(POLISH, tmp_path, resume=True)
-    assert digests(tmp_path) != digests(whole)
+    if name in ("heights", "mass"):
+        with pytest.raises(SimulationError, match="balance"):
+            simulate(POLISH, tmp_path, resume=True)
+    else:
+        simulate(POLISH, tmp_path, resume=True)
+        assert digests(tmp_path) != digests(whole)
 
 
 def test_the_clock_decides_when_checkpoints_are_made_and_nothing_else(tmp_path, whole, monkeypatch):

@@ -477,8 +477,9 @@ def test_the_wheel_holds_every_case_deck_and_template(site):
         ("cmpcheck/lammps_inputs", "lammps_inputs"),
         ("cmpcheck/templates", "cmpcheck/templates"),
     ):
-        shipped = {path.name for path in (ROOT / source).iterdir() if path.is_file()}
-        assert {path.name for path in (site / held).iterdir()} == shipped
+        shipped = {path.relative_to(ROOT / source) for path in (ROOT / source).rglob("*") if path.is_file()}
+        assert {path.relative_to(site / held) for path in (site / held).rglob("*") if path.is_file()} == shipped
+    assert (site / "cmpcheck" / "known_departures.toml").is_file()
 
 
 def test_an_unpacked_wheel_runs_a_case_from_any_folder(site, here):

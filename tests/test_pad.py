@@ -149,6 +149,20 @@ def test_the_pad_stops_at_its_lowest_height():
     assert fix.pad_height == 6e-6
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("form", ["impulse", "soft"])
+def test_a_pad_that_has_stopped_is_a_wall_at_rest(form, compiled):
+    """V_z counts in an impact only while the pad descends."""
+    approach = []
+    for lowest in (TOP, TOP - 1e-6):
+        model = make_model(**{"has_surface": False} | PAD | {"pad_minimum": lowest})
+        z = TOP * 1e6 - RADIUS * 1e6 - 0.01
+        fix = simulate([(5.0, 5.0, z)], [(0.0, 0.0, 1.0)], 1e-9, 60, model, form=form, pad_height=TOP,
+                       compiled=compiled)  # fmt: skip
+        approach.append(float(fix.contacts().approach_speed.iloc[0]))
+    np.testing.assert_allclose(approach, [1.0, 1.0 + DESCENT], rtol=8 * EPS, atol=0.0)
+
+
 def test_the_flow_is_that_of_the_height_at_each_step():
     """A particle between wall and pad follows u = V z/H as H shrinks, at second order in the step."""
     model = make_model(**PAD | {"pad_descent": 5.0}, flow=FLOW_COUETTE, wall_speed=1.0, fluid_density=1.0)

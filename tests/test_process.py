@@ -230,6 +230,24 @@ def test_an_impact_on_the_descending_pad_is_that_on_a_moving_wall():
     assert abs(after + 0.4 * 2.0) > 1.0  # a pad at rest would be told apart
 
 
+def test_a_pad_that_has_stopped_is_a_wall_at_rest():
+    """Held at its lowest height it gives back e_pad of v_z, and does no work."""
+    case = polish(spheres=[ball((1e-6, 1e-6, 1.2e-6), (0.0, 0.0, 2.0))], pad={"minimum_height": 2e-6})
+    run = simulate(case)
+    hit = run.contacts[run.contacts["kind"] == "pad"].iloc[0]
+    close(hit.normal_impulse, 1.4 * run.masses[0, 0] * 2.0)
+    stopped = polish(
+        400e-9,
+        spheres=[ball((1e-6, 1e-6, 1.15e-6), (0.0, 0.0, 0.5))],
+        pad={"initial_height": 1.81e-6, "minimum_height": 1.8e-6},
+    )
+    run = simulate(stopped)
+    hit = run.contacts[run.contacts["kind"] == "pad"].iloc[0]
+    assert hit.time > 0.7 * 400e-9
+    close(hit.approach_speed, 0.5)
+    assert run.history["pad_work"].iloc[-1] == 0.0
+
+
 @pytest.mark.parametrize("speed, struck", [(0.9, True), (1.1, False)])
 def test_a_sphere_that_flees_faster_than_the_pad_is_not_struck(speed, struck):
     case = polish(1e-6, spheres=[ball((1e-6, 1e-6, 1.5e-6), (0.0, 0.0, -speed))])

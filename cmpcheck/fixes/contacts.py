@@ -22,6 +22,7 @@ from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surfa
 from reference.compiled import formula, kernel
 from reference.contact import compression_impulse, surface_normal_impulse
 from reference.heightfield import surface_contact
+from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 
 ROUNDING = 1e-9  # of the radius: more than a way that is summed up over steps can lose
 
@@ -169,14 +170,15 @@ def impulse_contact(
 def lower_pad(c, step):
     """Move the pad from its height at the last step to that of this one, once the surface was lowered.
 
-    As the reference: it never rises, nor descends faster than V_z, nor below the surface's highest node.
+    Where it is, and whether it still descends, decides the reference's `pad.py`.
     """
     model = c.model
-    if not model.has_pad or c.last_step < 0 or step <= c.last_step:
+    if not model.has_pad:
         return
-    highest = c.highest if model.has_surface else 0.0
-    lowest = max(highest + 0.5 * c.largest, model.pad_minimum)
-    c.pad_height = min(c.pad_height, max(c.pad_height - model.pad_descent * c.time_step, lowest))
+    lowest = lowest_pad_height(model, c.highest if model.has_surface else 0.0, c.largest)
+    if 0 <= c.last_step < step:
+        c.pad_height = lowered_pad(model, c.pad_height, lowest, c.time_step)
+    c.pad_velocity = pad_velocity(model, c.pad_height, lowest)
 
 
 @kernel
@@ -191,8 +193,8 @@ def open_pad_contact(c, time, position, approach, tag, contact):
 
 @kernel
 def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
-    """Spring-dashpot contact with the pad, which moves down with V_z: (force downwards in N, error code)."""
-    overlap, approach = position[2] + radius - c.pad_height, v_free[2] + c.model.pad_descent
+    """Spring-dashpot contact with the pad, which moves down: (force downwards in N, error code)."""
+    overlap, approach = position[2] + radius - c.pad_height, v_free[2] + c.pad_velocity
     if contact[PHASE] != TOUCHING:
         if overlap <= 0.0 or approach <= 0.0:
             return 0.0, NO_ERROR
@@ -215,7 +217,7 @@ def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, conta
 
     Paper: Section 4; J = (1+e_pad) m (v_z + V_z).  It waits as `impulse_contact` does.
     """
-    approach = v_half[2] + c.model.pad_descent
+    approach = v_half[2] + c.pad_velocity
     if position[2] + radius <= c.pad_height or approach <= 0.0:
         contact[PHASE] = FREE
         return 0.0, NO_ERROR

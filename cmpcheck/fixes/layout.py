@@ -68,6 +68,7 @@ CONTEXT = np.dtype(
         ("pad_spring", "f8"),  # the same two of the pad
         ("pad_damping", "f8"),
         ("pad_height", "f8"),  # H of the step at hand, m
+        ("pad_velocity", "f8"),  # downwards, m/s
         ("largest", "f8"),  # largest diameter, m
         ("ledger_speed", "f8"),  # slower contacts that remove nothing are not kept, m/s
         ("patience", "f8"),  # longest wait for a pair force to end, s

@@ -166,7 +166,7 @@ def open_pad_contact(c: Any, p: Particle, time: float, approach: float) -> None:
 def soft_pad(c: Any, p: Particle, step: int, e: np.ndarray, rows: np.ndarray) -> float:
     """Force of the pad, F = max(0, k x - c v_n) downwards, with v_n relative to it."""
     overlap, v_z = p.position[2] + p.radius - c.pad_height, velocity_now(p, e)[2]
-    approach = v_z + c.model.pad_descent
+    approach = v_z + c.pad_velocity
     if p.pad[PHASE] != TOUCHING:
         if not (overlap > 0.0 and approach > 0.0):
             return 0.0
@@ -184,7 +184,7 @@ def soft_pad(c: Any, p: Particle, step: int, e: np.ndarray, rows: np.ndarray) ->
 
 def impulse_pad(c: Any, p: Particle, step: int, rows: np.ndarray) -> float:
     """Force of the pad, J/dt downwards for one step, once no pair force acts."""
-    approach = p.half_velocity[2] + c.model.pad_descent
+    approach = p.half_velocity[2] + c.pad_velocity
     if p.position[2] + p.radius <= c.pad_height or approach <= 0.0:
         p.pad[PHASE] = FREE
         return 0.0
