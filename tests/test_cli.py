@@ -478,7 +478,9 @@ def test_the_wheel_holds_every_case_deck_and_template(site):
         ("cmpcheck/templates", "cmpcheck/templates"),
     ):
         shipped = {path.relative_to(ROOT / source) for path in (ROOT / source).rglob("*") if path.is_file()}
-        assert {path.relative_to(site / held) for path in (site / held).rglob("*") if path.is_file()} == shipped
+        assert {
+            path.relative_to(site / held) for path in (site / held).rglob("*") if path.is_file()
+        } == shipped
     assert (site / "cmpcheck" / "known_departures.toml").is_file()
 
 

@@ -6,16 +6,20 @@ Only short runs of the reference and what they show; the schemes are `reference/
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from reference.case import Case
+from cmpcheck.results import StudyResult
+from cmpcheck.studies.tables import frame_table
+from reference.case import Case, load_case
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import SimulationError, simulate_setup
 
+CASE = "fine_abrasive"
 SCHEMES = (("fixed_point", "printed"), ("fixed_point", "displacement"), ("point_implicit", ""))
 PART = 0.02  # of the case's duration that is simulated
 OUTPUTS = 101
@@ -23,6 +27,20 @@ HOLDS = "holds"
 COLUMNS = (
     "scheme", "norm", "largest_speed", "steps", "rejected_steps", "time", "removals", "fluid_work", "outcome",
 )  # fmt: skip
+
+
+def study(profile: str, runs: Path) -> StudyResult:
+    """The schemes beside each other, and what the setup of the case warns of."""
+    (case,) = load_case(CASE).variants()
+    found = table(case)
+    return StudyResult(
+        name=CASE,
+        title="Steps longer than the relaxation time",
+        varied="The scheme, and the norm by which its iteration is stopped; the initial state is the same.",
+        samples=f"The case {CASE} itself, seed {case.case.seed}, the first {PART:.0%} of its duration.",
+        tables=(frame_table("Each scheme from the same start", found, {"time": "s", "fluid_work": "J"}),),
+        sentence=" ".join([sentence(found), *(f"{_capital(note)}." for note in build_setup(case).notes)]),
+    )
 
 
 def table(case: Case) -> pd.DataFrame:
@@ -51,6 +69,10 @@ def sentence(found: pd.DataFrame) -> str:
         f"{moved['rejected_steps']} rejected steps, {cost:.3g} times those of point_implicit, which "
         f"{_verdict(implicit)}."
     )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _verdict(row: dict[str, Any]) -> str:

@@ -29,7 +29,7 @@ def study(profile: str, runs: Path) -> StudyResult:
     run = the_run(case, runs / CASE, profile == "full")
     history, particles = run.history, len(run.diameters)
     steps = int(run.provenance["steps"])
-    seconds = float(run.provenance.get("wall_time", math.nan))
+    seconds = float(run.provenance.get("timing", {}).get("wall_time", math.nan))
     shape = shape_of(history.time, history.flatness)
     table = []
     for part in PARTS:
@@ -82,4 +82,4 @@ def the_run(case: Case, folder: Path, may_run: bool) -> Run:
             f"no complete run of {case.name} in {folder}; made by --profile full, or by: cmpcheck run "
             f"{case.name}"
         )
-    return simulate(case, out=folder)
+    return simulate(case, out=folder, resume=True)

@@ -25,6 +25,7 @@ from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.results import StudyResult
 from cmpcheck.studies import (
     acceleration,
+    fine_abrasive,
     particle_speed,
     polish_full,
     preston,
@@ -41,6 +42,7 @@ STUDIES: dict[str, StudyFunction] = {  # as they stand in the report
     "spacing": spacing.study,
     "acceleration": acceleration.study,
     "threshold": threshold.study,
+    "fine_abrasive": fine_abrasive.study,
     "polish_full": polish_full.study,
 }
 LONGEST_FIRST = ("polish_full", "time_step", "particle_speed")  # begun in this order, before the others
