@@ -14,7 +14,6 @@ import pandas as pd
 
 from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
 from cmpcheck.studies.sampling import (
-    HELD,
     Power,
     changed,
     estimate,
@@ -26,7 +25,6 @@ from cmpcheck.studies.sampling import (
 )
 from reference import simulate
 from reference.case import Case, load_case
-from reference.process import PAD_DESCENT
 
 CASE = "polish_pair"
 SAMPLES = {"quick": 4, "full": 12}
@@ -95,8 +93,8 @@ def study(profile: str, runs: Path) -> StudyResult:
 def rate_at_equal_flatness(case: Case) -> pd.Series:
     """Removal until Pi has fallen to 0.85, per time: caps (m3/s) and node depths (m/s); mean pad load (Pa).
 
-    The load is the sum of the pad's impulses by time and area; the sum is the pad's work by its speed.  A run
-    that is too short is repeated with twice its duration.
+    The load is the sum of the pad's impulses by time and area.  A run that is too short is repeated with
+    twice its duration.
     Raises ValueError where four doublings are not enough.
     """
     assert case.pad is not None
@@ -104,7 +102,6 @@ def rate_at_equal_flatness(case: Case) -> pd.Series:
         duration = 2**k * case.case.duration
         outputs = 2**k * (case.case.outputs - 1) + 1
         history = simulate(changed(case, case={"duration": duration, "outputs": outputs})).history
-        history = history[history.time <= PAD_DESCENT * duration]
         below = np.flatnonzero(history.flatness.to_numpy() <= MATCHED)
         if below.size:
             break
@@ -113,10 +110,9 @@ def rate_at_equal_flatness(case: Case) -> pd.Series:
     before, after = history.iloc[int(below[0]) - 1], history.iloc[int(below[0])]
     part = (before.flatness - MATCHED) / (before.flatness - after.flatness)
     row = before + part * (after - before)
-    impulse = row.pad_work / (HELD / (PAD_DESCENT * duration))
     return pd.Series(
         {
-            "load": impulse / (row.time * case.surface.size**2),
+            "load": -row.pad_impulse_z / (row.time * case.surface.size**2),
             "volume_rate": row.removed_volume / row.time,
             "depth_rate": row.depth_sum / row.time,
             "way": case.pad.speed * row.time,

@@ -23,7 +23,6 @@ from reference.case_sections import Variant
 from reference.ensemble import run_samples
 
 CONFIDENCE = 0.95
-HELD = 1e-12  # m: a pad that comes down by so little stands still, but its work shows its impulses
 
 
 def changed(case: Case, /, **sections: Mapping[str, Any]) -> Case:
@@ -38,7 +37,7 @@ def changed(case: Case, /, **sections: Mapping[str, Any]) -> Case:
 
 def held(case: Case, pad_height: float, /, **sections: Mapping[str, Any]) -> Case:
     """The case with its pad at a constant height H (m), and keys of other sections replaced."""
-    pad = {"initial_height": pad_height + HELD, "minimum_height": pad_height}
+    pad = {"initial_height": pad_height, "minimum_height": pad_height}
     return changed(case, **{**sections, "pad": pad | dict(sections.get("pad", {}))})
 
 
