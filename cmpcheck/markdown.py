@@ -21,7 +21,13 @@ _PARTS = (
 def render(result: SuiteResult) -> str:
     """The whole report as GitHub-flavoured Markdown."""
     word = verdicts.verdict(result)
-    lines = [f"# cmpcheck: {word}", "", plain(verdicts.headline(result))]
+    lines = [
+        f"# cmpcheck: {word}",
+        "",
+        f"**{plain(verdicts.title(result))}**",
+        "",
+        plain(verdicts.headline(result)),
+    ]
     lines += [plain(gap) for gap in verdicts.gaps(result)]
     lines += ["", f"Profile {plain(result.profile)}, {duration(result.seconds)}.", "", "## Engines", ""]
     lines += _table(

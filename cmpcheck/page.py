@@ -121,6 +121,7 @@ def render(result: SuiteResult) -> str:
     return environment.get_template("index.html.j2").render(
         result=result,
         verdict=verdicts.verdict(result),
+        title=verdicts.title(result),
         headline=verdicts.headline(result),
         gaps=verdicts.gaps(result),
         tally=tally_text(result.comparisons),

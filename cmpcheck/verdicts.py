@@ -32,7 +32,7 @@ class Cell:
     case: str
     engine: str
     counts: dict[str, int]  # of every status in SEVERITY that occurs
-    worst: float | None  # the largest error/tolerance; None where nothing was judged
+    worst: float | None  # the largest error/tolerance; None where nothing was judged, or departures are known
     absent: bool = False  # the engine is not on this machine
 
     @property
@@ -128,6 +128,8 @@ def matrix(result: SuiteResult) -> list[list[Cell]]:
     def cell(case: CaseResult, engine: str) -> Cell:
         rows = [row for row in case.comparisons if row.engine == engine]
         ratios = [r for row in rows if (r := ratio(row)) is not None]
+        if any(standing(row) == KNOWN for row in rows):
+            ratios = []  # how large a departure is, its row says
         return Cell(case.name, engine, count(rows), max(ratios, default=None), engine in absent)
 
     return [[cell(case, engine) for engine in engine_names(result)] for case in result.cases]
@@ -181,6 +183,19 @@ def headline(result: SuiteResult) -> str:
     if known:
         sentence += f"; {known} disagree{'s' * (known == 1)} by a known departure of its listed size"
     return sentence + "."
+
+
+def title(result: SuiteResult) -> str:
+    """The verdict as a heading."""
+    if not result.comparisons:
+        return "Studies" if result.studies else f"{SYMBOLS['not_tested']} Nothing was compared"
+    word = verdict(result)
+    if word == "disagree":
+        return f"{SYMBOLS['disagree']} Something disagrees"
+    known = " but for known departures" if KNOWN in count(result.comparisons) else ""
+    if word == "incomplete":
+        return f"{SYMBOLS['not_tested']} Nothing disagrees{known}, and the test is incomplete"
+    return f"{SYMBOLS['agree']} Everything compared agrees{known}"
 
 
 def gaps(result: SuiteResult) -> list[str]:
