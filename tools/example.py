@@ -11,6 +11,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -21,16 +22,14 @@ PICTURE = (1180, 760)  # pixels
 
 def cell(rows: list[dict]) -> str:
     """Status of a case in one engine, and its worst error over tolerance."""
-    judged = [row for row in rows if row["status"] in ("agree", "disagree")]
-    if not judged:
-        return "not tested"
-    counts = {
-        status: sum(row["status"] == status for row in rows)
-        for status in ("agree", "disagree", "not_tested", "error")
-    }
-    worst = max(row["error"] / row["tolerance"] for row in judged if row["tolerance"])
-    words = ", ".join(f"{n} {status.replace('_', ' ')}" for status, n in counts.items() if n)
-    return f"{words}; worst {worst:.2g}"
+    if not rows:
+        return "not compared"
+    counts = Counter("disagree, known" if "known_departure" in row else row["status"] for row in rows)
+    words = ", ".join(f"{n} {status.replace('_', ' ')}" for status, n in counts.items())
+    judged = [row for row in rows if row["status"] in ("agree", "disagree") and row["tolerance"]]
+    if not judged or counts["disagree, known"]:
+        return words
+    return f"{words}; worst {max(row['error'] / row['tolerance'] for row in judged):.2g}"
 
 
 def table(report: dict) -> str:
