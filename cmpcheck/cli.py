@@ -88,7 +88,7 @@ def compare(
                 staging,
                 jobs or os.cpu_count() or 1,
                 decks,
-                lambda name, done, _: bars.update(tasks[name], completed=done),
+                lambda name, done, total: bars.update(tasks[name], completed=done, total=total),
                 studies,
                 RUNS,
             )

@@ -6,6 +6,7 @@ the others go on.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -40,8 +41,9 @@ from cmpcheck.study import Study, align_outputs, contact_settings, engine_study,
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
-Progress = Callable[[str, int, int], None]  # case, variants done, variants in all
+Progress = Callable[[str, int, int], None]  # case or study, tasks done, tasks in all
 REFERENCE_TRACES = ("exact", "reference")
+ENSEMBLE_FORMS = ("impulse", "soft")  # of the contacts with surface and pad
 NO_TABLE = "the case has no [engine.{}] with contact_duration and steps_per_contact"
 
 
@@ -55,11 +57,14 @@ class Task:
     profile: str
     folder: Path  # for run folders
     decks: dict[str, Path]
+    form: str = ""  # of ensembles: one of ENSEMBLE_FORMS, a task each
 
     @property
     def cost(self) -> float:
         """Rough measure of the work, to begin with the longest."""
         variant = self.case.variants()[self.variant]
+        if self.form:
+            return math.inf
         count = variant.particles.count if variant.particles else len(variant.particle)
         step = variant.numerics.time_step or variant.case.duration
         return count * variant.case.duration / step
@@ -129,17 +134,19 @@ def run_suite(
             for name in others:
                 if name in variant.engine:
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
-            tasks.append(Task(case, k, others, profile, folder / "data", decks or {}))
-    totals = {case.name: len(case.variants()) for case in loaded}
-    outcomes: dict[tuple[str, int], Outcome] = {}
+            tasks += [
+                Task(case, k, others, profile, folder / "data", decks or {}, form)
+                for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
+            ]
+    keys = [(task.case.name, task.variant, task.form) for task in tasks]
+    totals = Counter(name for name, _, _ in keys)
+    outcomes: dict[tuple[str, int, str], Outcome] = {}
     for task, outcome in _in_processes(tasks, jobs):
-        outcomes[task.case.name, task.variant] = outcome
+        outcomes[task.case.name, task.variant, task.form] = outcome
         if progress is not None:
-            done = sum(name == task.case.name for name, _ in outcomes)
+            done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
-    results = [
-        _case_result(case, [outcomes[case.name, k] for k in range(totals[case.name])]) for case in loaded
-    ]
+    results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
     versions = {info.name: info.version for info in infos if info.available}
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
@@ -254,29 +261,26 @@ def run_task(task: Task) -> Outcome:
 
 
 def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
-    """Compare samples of a case with a pad, whose trajectories part too early to be compared."""
+    """Compare samples of a polishing case, whose trajectories part too early to be compared, in one form."""
     for name in task.engines:
         if name not in case.engine:
-            outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
+            if task.form == ENSEMBLE_FORMS[0]:
+                outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
             continue
         engines = make_engine("reference"), make_engine(name, task.decks)
+        folder = task.folder / case.name / case.variant
         try:
-            rows, ensemble = compare_ensembles(
-                case, engines, task.profile, folder=task.folder / case.name / case.variant
-            )
+            if task.form == "soft":
+                rows, records, notes = compare_soft(case, engines, task.profile)
+                outcome.convergences += records
+                outcome.notes += notes
+            else:
+                rows, ensemble = compare_ensembles(case, engines, task.profile, task.form, folder)
+                outcome.ensembles.append(ensemble)
         except Exception as problem:  # whatever an engine does, the other comparisons go on
-            outcome.comparisons.append(_failed(task, name, str(problem)))
+            outcome.comparisons.append(_failed(task, name, f"{task.form}: {problem}"))
             continue
         outcome.comparisons += rows
-        outcome.ensembles.append(ensemble)
-        try:
-            rows, records, notes = compare_soft(case, engines, task.profile)
-        except Exception as problem:
-            outcome.comparisons.append(_failed(task, name, f"soft: {problem}"))
-            continue
-        outcome.comparisons += rows
-        outcome.convergences += records
-        outcome.notes += notes
 
 
 def _keep(task: Task, study: Study) -> None:
