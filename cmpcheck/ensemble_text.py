@@ -117,7 +117,7 @@ def ledger_sentences(ensemble: Ensemble) -> list[str]:
     ]
     if any(p.crowded for _, _, p in parted):
         texts.append(
-            "Impacts at the same time have no unique outcome: the reference takes them one after the other; "
+            "Impacts at the same time have no unique outcome: the reference adds the impulses of one step; "
             f"in {ensemble.engine} a contact of two particles lasts and is recorded once, as it began."
         )
     return [*texts, "No verdict hangs on this: single trajectories part, means need not."]

@@ -13,14 +13,14 @@ from pathlib import Path
 from cmpcheck.display import quantity_text
 from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.observables import Pairs, margins, pair_up
-from cmpcheck.parting import compare_impacts, drag_time, flow_speed
+from cmpcheck.parting import compare_impacts
 from cmpcheck.planning import fewest_sentence, pairs_to_run, pilot_spreads, plan
 from cmpcheck.results import Comparison, Ensemble
 from cmpcheck.statistics import Equivalence, control_family, paired_difference
 from cmpcheck.study import contact_settings
 from reference.case import Case
 from reference.ensemble import sample_case
-from reference.process import build_setup
+from reference.process import build_setup, pressed_speed
 from reference.recording import Run
 from reference.state import Setup
 
@@ -38,7 +38,9 @@ def compare_ensembles(
     """Run the samples in both engines, the reference first, and judge every observable.
 
     With `check_step` the reference runs them once more at twice its step: its own dependence on the step must
-    lie within STEP_SHARE of the margins.  Of several forms of one case, one needs to ask for it.
+    lie within STEP_SHARE of the margins; and once at the step of an ordinary run of the case, to show what
+    would have been mistaken for a departure of the other engine.  Of several forms of one case, one needs to
+    ask for it.
 
     Parameters: form of the contacts with surface and pad in the other engine, impulse | soft; folder, to
     which every run is saved as soon as it is made.
@@ -48,7 +50,7 @@ def compare_ensembles(
     """
     name = engines[1].name
     fine, coarse, soft = resolutions(case, name, form)
-    ours, theirs, doubled = [], [], []
+    ours, theirs, doubled, ordinary = [], [], [], []
     limits, step_limits = margins(case, name), margins(case, name, STEP_SHARE)
     pairs = pairs_to_run(case, name, profile, limits)
     step_pairs = pairs_to_run(case, "reference", profile, step_limits) if check_step else 0
@@ -57,6 +59,8 @@ def compare_ensembles(
         ours.append(_keep(engines[0].run(setup, fine), folder, "reference", k))
         if k < step_pairs:
             doubled.append(engines[0].run(setup, coarse))
+            if not math.isclose(setup.time_step, fine.time_step):
+                ordinary.append(engines[0].run(setup, Resolution(setup.time_step)))
         if k < pairs:
             theirs.append(_keep(engines[1].run(setup, soft), folder, f"{name}-{form}", k))
     compared = pair_up(limits, ours[: len(theirs)], theirs)
@@ -68,6 +72,10 @@ def compare_ensembles(
         *_rows(case, "reference", step_label, f"{STEP_SHARE:g} of the margin; {step_reason}; ", steps),
     ]
     first = build_setup(sample_case(case, 0))
+    remarks = [_about_steps(name, fine, soft, first), fewest_sentence()]
+    if ordinary:
+        flatness = pair_up(limits, ours[: len(ordinary)], ordinary)[0]
+        remarks.insert(1, _about_ordinary(name, fine, first, flatness))
     ensemble = Ensemble(
         case=case.name,
         variant=case.variant,
@@ -77,7 +85,7 @@ def compare_ensembles(
         curves=tuple(p.curve() for p in compared),
         planning=(*plan(case, name, compared), *plan(case, "reference", steps)),
         ledger=compare_impacts(ours[0], theirs[0], first, engines[0], (fine, soft)),
-        remarks=(_about_steps(case, name, fine, soft, first), fewest_sentence()),
+        remarks=tuple(remarks),
     )
     return rows, ensemble
 
@@ -145,25 +153,33 @@ def _row(
     )
 
 
-def _about_steps(case: Case, engine: str, fine: Resolution, soft: Resolution, setup: Setup) -> str:
+def _about_steps(engine: str, fine: Resolution, soft: Resolution, setup: Setup) -> str:
     """Which steps the two engines take, and why."""
-    part, usual = soft.contact_duration / fine.time_step, setup.time_step
+    part = soft.contact_duration / fine.time_step
     text = (
         f"The reference takes steps of {_ns(fine.time_step)}, 1/{part:.3g} of the "
         f"{_ns(soft.contact_duration)} that a contact between particles lasts in {engine}, whose steps are "
         f"{_ns(soft.time_step)}"
     )
-    if math.isclose(usual, fine.time_step):
-        return f"{text}."
-    text += (
-        f": both are near their limits. The {_ns(usual)} of an ordinary run of the case would add an error "
-        "of the reference's own; how much is left, the rows of the engine reference show."
+    threshold = setup.model.threshold_velocity
+    if 0.0 < threshold < pressed_speed(setup, setup.time_step):
+        longest = _ns(threshold / pressed_speed(setup, 1.0))
+        text += f"; above v_th tau/(2 U) = {longest} a particle pressed on the surface wears it at every step"
+    return f"{text}."
+
+
+def _about_ordinary(engine: str, fine: Resolution, setup: Setup, flatness: Pairs) -> str:
+    """What the reference at the step of an ordinary run would have been mistaken for."""
+    parts = []
+    for frame in flatness.frames:
+        change = flatness.differences(frame)
+        error = float(change.std(ddof=1)) / math.sqrt(len(change))
+        parts.append(f"{change.mean():+.4f} ± {error:.4f} at {flatness.times[frame] * 1e6:.3g} µs")
+    return (
+        f"At the {_ns(setup.time_step)} of an ordinary run the reference's own Π differs from that at "
+        f"{_ns(fine.time_step)} by {', '.join(parts)} ({len(flatness.reference)} samples): compared at that "
+        f"step, {engine} would seem to depart by as much, with the other sign."
     )
-    threshold, speed = setup.model.threshold_velocity, 2.0 * flow_speed(setup)
-    if 0.0 < threshold < speed * usual / drag_time(setup):
-        longest = _ns(threshold * drag_time(setup) / speed)
-        text += f" Above v_th tau/(2 U) = {longest} a particle pressed on the surface wears it at every step."
-    return text
 
 
 def _ns(seconds: float) -> str:

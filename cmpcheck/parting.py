@@ -16,6 +16,7 @@ import pandas as pd
 from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.results import KindMatch, LedgerMatch, PartingImpact
 from reference.heightfield import Heightfield
+from reference.process import flow_speed, relaxation_time
 from reference.recording import Run
 from reference.state import DEPOSIT_NODE_DEPTH, Setup
 
@@ -106,19 +107,7 @@ def explained_speed(setup: Setup, late: float) -> float:
     sphere of radius R by U late/R: U late (1/tau + U/R), with tau and R of the smallest particle.
     """
     speed = flow_speed(setup)
-    return speed * late * (1.0 / drag_time(setup) + speed / (0.5 * float(setup.state.diameter.min())))
-
-
-def flow_speed(setup: Setup) -> float:
-    """U, the largest speed of the fluid or of the pad, m/s."""
-    model = setup.model
-    return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y, model.flow_z))
-
-
-def drag_time(setup: Setup) -> float:
-    """Tau = m/(3 pi mu d), the shortest of all particles, s."""
-    model, state = setup.model, setup.state
-    return float((state.mass / (3.0 * math.pi * model.viscosity * state.diameter)).min())
+    return speed * late * (1.0 / relaxation_time(setup) + speed / (0.5 * float(setup.state.diameter.min())))
 
 
 def compare_impacts(
@@ -135,7 +124,7 @@ def compare_impacts(
     show what is around; the resolutions of both.
     """
     late = lateness(*resolutions)
-    explained, window = explained_speed(setup, late), late + DRAG_SHARE * drag_time(setup)
+    explained, window = explained_speed(setup, late), late + DRAG_SHARE * relaxation_time(setup)
     touching = flow_speed(setup) * late
 
     def compare(kind: str) -> KindMatch:

@@ -242,13 +242,28 @@ def _pad_step(case: Case, diameter: np.ndarray) -> float:
     return case.numerics.gamma * mean / case.pad.speed
 
 
+def relaxation_time(setup: Setup) -> float:
+    """Tau = m/(3 pi mu d) of Stokes's drag, the shortest of all particles, s."""
+    state = setup.state
+    return float((state.mass / (3.0 * math.pi * setup.model.viscosity * state.diameter)).min())
+
+
+def flow_speed(setup: Setup) -> float:
+    """U, the largest speed of the fluid or of the pad, m/s."""
+    model = setup.model
+    return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y, model.flow_z))
+
+
+def pressed_speed(setup: Setup, time_step: float) -> float:
+    """2 U dt/tau: how fast a particle that the flow presses on the surface is struck at every step, m/s."""
+    return 2.0 * flow_speed(setup) * time_step / relaxation_time(setup)
+
+
 def _warnings(setup: Setup) -> list[str]:
     """What a user should know before trusting the run."""
     model, state, notes = setup.model, setup.state, []
     if model.deposit != DEPOSIT_NONE and model.flow != FLOW_NONE and state.mass.size:
-        relaxation = float((state.mass / (3.0 * math.pi * model.viscosity * state.diameter)).min())
-        speed = max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y, model.flow_z))
-        pressed = 2.0 * speed * setup.time_step / relaxation
+        pressed = pressed_speed(setup, setup.time_step)
         if model.threshold_velocity < pressed:
             notes.append(
                 f"threshold_velocity {model.threshold_velocity:.3g} m/s is below 2 U dt/tau = "
