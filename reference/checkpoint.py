@@ -13,7 +13,6 @@ import json
 import os
 import shutil
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ import h5py
 import numpy as np
 
 from reference.case import Case, CaseError
-from reference.recording import Run
+from reference.recording import Run, version_of_code
 from reference.state import Setup
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
@@ -40,7 +39,7 @@ class Checkpoint:
 
     def __init__(self, run_folder: Path, setup: Setup):
         self.folder = run_folder / FOLDER
-        self.owner = {"case": setup.case.toml(), "setup": _digest_of_setup(setup), "code": _version_of_code()}
+        self.owner = {"case": setup.case.toml(), "setup": _digest_of_setup(setup), "code": version_of_code()}
         self.parts: dict[str, str] = {}  # name and SHA-256, in order
 
     def start(self) -> None:
@@ -172,12 +171,3 @@ def _digest_of_setup(setup: Setup) -> str:
     for array in (*state.particles, state.heights, setup.output_times):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def _version_of_code() -> str:
-    """SHA-256 of this package's sources, and the versions of what compiles and runs them."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    versions = " ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba"))
-    return f"{digest.hexdigest()} {versions}"

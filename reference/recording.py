@@ -6,11 +6,13 @@ last, says so.  Nothing is computed here that is not recorded.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -143,6 +145,16 @@ def history_row(
     return dict(zip(HISTORY, map(float, values), strict=True))
 
 
+@cache
+def version_of_code() -> str:
+    """SHA-256 of this package's sources, and the versions of what compiles and runs them."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    versions = " ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba"))
+    return f"{digest.hexdigest()} {versions}"
+
+
 def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
     """Versions, seed and engine of a run."""
     return {
@@ -151,6 +163,7 @@ def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
         "variant": case.variant,
         "seed": case.case.seed,
         "python": platform.python_version(),
+        "code": version_of_code(),
         "versions": {name: metadata.version(name) for name in ("numpy", "numba")},
         "complete": False,
     }

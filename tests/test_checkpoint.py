@@ -251,7 +251,7 @@ def test_the_checkpoint_of_another_case_is_refused_and_kept(tmp_path):
 def test_the_checkpoint_of_another_version_is_refused(tmp_path, monkeypatch):
     case = shortened("bounce_train", outputs=9)
     begin(case, tmp_path)
-    monkeypatch.setattr(checkpoint, "_version_of_code", lambda: "of tomorrow")
+    monkeypatch.setattr(checkpoint, "version_of_code", lambda: "of tomorrow")
     with pytest.raises(CaseError, match="another version of the code"):
         simulate(case, tmp_path, resume=True)
 
