@@ -25,7 +25,11 @@ from cmpcheck.studies.sweep import Setting, sweep
 from cmpcheck.studies.tables import csv_frame, frame_table
 from cmpcheck.verdicts import exit_code
 from reference import simulate
+from reference.case import CaseError
+from reference.checkpoint import Checkpoint
 from reference.heightfield import height_at
+from reference.process import build_setup
+from reference.recording import Run, version_of_code
 
 LEVELS = np.array([0.5, 1.0, 2.0, 4.0])
 
@@ -264,3 +268,24 @@ def test_a_run_that_is_there_is_read_and_one_that_is_not_needs_the_full_profile(
     other = changed(case, case={"seed": 4})
     with pytest.raises(ValueError, match="no complete run"):
         the_run(other, tmp_path / "run", may_run=False)
+
+
+@pytest.mark.parametrize("key, value", [("code", "of yesterday"), ("engine", "lammps"), ("complete", False)])
+def test_a_run_by_another_version_or_engine_is_made_anew(tmp_path, key, value):
+    case = small_polish()
+    made = simulate(case, out=tmp_path)
+    made.provenance[key] = value
+    made.save(tmp_path)
+    with pytest.raises(ValueError, match="no complete run"):
+        the_run(case, tmp_path, may_run=False)
+    again = the_run(case, tmp_path, may_run=True)
+    assert (again.provenance["engine"], again.provenance["complete"]) == ("reference", True)
+    assert Run.load(tmp_path).provenance["code"] == version_of_code()
+
+
+def test_a_checkpoint_of_another_case_does_not_stop_the_run(tmp_path):
+    Checkpoint(tmp_path, build_setup(small_polish(case={"duration": 20e-6, "outputs": 6, "seed": 9}))).start()
+    case = small_polish()
+    with pytest.raises(CaseError, match="another case"):
+        simulate(case, out=tmp_path, resume=True)
+    assert the_run(case, tmp_path, may_run=True).provenance["complete"]
