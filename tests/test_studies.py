@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,13 +16,13 @@ from rounding import close
 
 from cmpcheck import report
 from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
-from cmpcheck.studies import preston, registry
+from cmpcheck.studies import acceleration, particle_speed, preston, registry, time_step
 from cmpcheck.studies.polish_full import the_run
 from cmpcheck.studies.registry import run_studies
-from cmpcheck.studies.sampling import changed, held, powers
+from cmpcheck.studies.sampling import changed, estimate, held, powers
 from cmpcheck.studies.shape import shape_of
 from cmpcheck.studies.spacing import last_on_refined, refined
-from cmpcheck.studies.sweep import Setting, sweep
+from cmpcheck.studies.sweep import Found, Setting, sweep
 from cmpcheck.studies.tables import csv_frame, frame_table
 from cmpcheck.verdicts import exit_code
 from reference import simulate
@@ -168,6 +169,83 @@ def test_an_interval_too_wide_to_decide_shows_no_law():
     assert "holds within" in preston._standing((narrow, narrow))
     assert "neither" in preston._standing((narrow, wide))
     assert "does not hold" in preston._standing((wide, other))
+
+
+# Convergence in the time step
+
+
+def steps_of(
+    offsets: Sequence[float], noise: float, rng: np.random.Generator, rule: str = time_step.NEW
+) -> time_step.Block:
+    """Made-up samples at halved steps: Pi and removals off by so much from the finest, at the first time."""
+    frames, n = [], 16
+    for offset in offsets:
+        columns = {"removals": 1000.0 * (1.0 + rng.normal(0.0, noise, n))}
+        columns["removed_volume"] = columns["removals"]
+        columns |= {name: 0.8 + rng.normal(0.0, noise, n) for name in time_step.FLATNESS_AT}
+        columns[time_step.FLATNESS_AT[0]] += offset
+        frames.append(pd.DataFrame(columns))
+    found = []
+    for k, rows in enumerate(frames):
+        difference = {q: estimate(rows[q] / frames[-1][q].mean() - frames[-1][q] / frames[-1][q].mean())
+                      for q in ("removals", "removed_volume")}  # fmt: skip
+        cells = ("made up", rule, 0.01 * 0.5**k, 1e-9 * 0.5**k, 0.1)
+        found.append(Found(Setting(cells, small_polish()), rows, {}, difference))
+    return time_step.Block("made up", rule, found)
+
+
+def test_noise_is_not_decided_and_is_no_convergence():
+    rng, trials = np.random.default_rng(1), 400
+    said = [steps_of((0.0, 0.0), 0.1, rng) for _ in range(trials)]
+    answers = [block.standing(block.found[0], time_step.FLATNESS) for block in said]
+    assert "converged" not in answers
+    # either sign has 5 % at most to be called different: 40 of 400, a binomial count within 4 deviations, 24
+    assert answers.count("different") <= 64
+    assert said[0].converged(time_step.AMOUNTS)[0] is None
+    assert "not shown to converge (at 0.01 not decided, n = 16)" in time_step._standing(said[0])
+
+
+def test_a_difference_at_one_time_is_told_and_one_below_the_limit_is_none():
+    rng = np.random.default_rng(2)
+    block = steps_of((0.03, 0.03, 0.004, 0.0), 0.002, rng)
+    answers = [block.standing(one, time_step.FLATNESS) for one in block.found]
+    assert answers == ["different", "different", "converged", "converged"]
+    fine, coarser = block.converged(time_step.FLATNESS)
+    assert (fine, coarser) == (block.found[2], block.found[1])
+    assert "Π converged from γ = 0.0025 on (at 0.005 different, n = 16)" in time_step._standing(block)
+
+
+def test_a_rule_is_advised_only_where_the_other_is_known_to_differ():
+    rng = np.random.default_rng(3)
+    new = steps_of((0.0, 0.0, 0.0), 0.002, rng)
+    for offset, noise, advised in ((0.03, 0.002, True), (0.0, 0.1, False), (0.0, 0.002, False)):
+        every = steps_of((offset, 0.0, 0.0), noise, rng, time_step.EVERY)
+        assert ("new_contacts_only" in time_step._advice([every, new])) == advised
+
+
+def test_factors_are_advised_up_to_the_first_that_differs():
+    def one(factor: float, change: float, error: float) -> Found:
+        mean = {"flatness": Estimate(0.8, 0.01), "removals": Estimate(1000.0 / factor, 1.0)}
+        setting = Setting((factor, 1.0), small_polish())
+        return Found(setting, pd.DataFrame({"x": range(8)}), mean, {"flatness": Estimate(change, error)})
+
+    found = [one(400, 0.001, 0.01), one(200, 0.10, 0.01), one(100, 0.01, 0.01), one(50, 0.0, 0.0)]
+    said = acceleration._sentence(found)
+    assert "up to A = 100 no change" in said
+    assert "At A = 200 Π(T) differs" in said
+    assert "400" not in said
+
+
+def test_the_speed_of_particles_is_judged_at_times_fixed_beforehand():
+    rng = np.random.default_rng(4)
+    noise = rng.normal(0.0, 0.01, (8, 101))
+    t = np.linspace(0.0, 1.0, 101)
+    for course, said in (
+        (0.0, "told from none"),
+        (0.2, "as the paper says"),
+        (-0.2, "contrary to the paper"),
+    ):
+        assert said in particle_speed._sentence(0.5 + course * t + noise, np.full((8, 101), 0.5))
 
 
 # Running
