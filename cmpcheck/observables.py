@@ -39,6 +39,11 @@ OBSERVABLES = (
 )
 
 
+def judged_frames(outputs: int) -> list[int]:
+    """Indices of the output times at which flatness is judged, equally spaced up to the end."""
+    return [round(k * (outputs - 1) / TIMES) for k in range(1, TIMES + 1)]
+
+
 def over_time(run: Run, observable: Observable) -> np.ndarray:
     """The quantity at the run's output times, (T,): flatness, or what removals have added up to.
 
@@ -72,8 +77,8 @@ class Pairs:
     @property
     def frames(self) -> list[int]:
         """Indices of the output times at which the quantity is judged."""
-        last = len(self.times) - 1
-        return [last] if self.observable.relative else [round(k * last / TIMES) for k in range(1, TIMES + 1)]
+        outputs = len(self.times)
+        return [outputs - 1] if self.observable.relative else judged_frames(outputs)
 
     def differences(self, frame: int) -> np.ndarray:
         """Differences sample by sample, (n,), in the margin's measure."""

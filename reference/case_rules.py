@@ -134,6 +134,13 @@ def _check_numerics(case: Case) -> None:
     step = case.numerics.time_step
     if step is not None and step > case.case.duration:
         raise Refusal(("numerics", "time_step"), step, f"allowed: <= case.duration, {case.case.duration:g} s")
+    if case.removal is not None and case.removal.new_contacts_only and case.numerics.scheme == "fixed_point":
+        raise Refusal(
+            ("removal", "new_contacts_only"),
+            True,
+            "looks back by one step, and those of numerics.scheme = 'fixed_point' differ; allowed: false, or "
+            "scheme = 'point_implicit'",
+        )
 
 
 def _check_particles(case: Case) -> None:

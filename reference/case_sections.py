@@ -131,7 +131,11 @@ class Contact(Section):
 
 
 class Removal(Section):
-    """[removal]: what an impact takes off the surface. Paper: Eqs. (32)-(36)."""
+    """[removal]: what an impact takes off the surface. Paper: Eqs. (32)-(36).
+
+    `new_contacts_only`: a particle that touched the surface one step before, at any of its facets, removes
+    nothing; neither does a sphere that slides over a plateau into a flank.
+    """
 
     deposit: Literal["volume", "node_depth"]
     acceleration: Positive = 1.0

@@ -201,7 +201,8 @@ def touched_before(heights, spacing, position, velocity, dt, radius):
     """Whether a particle overlapped the surface one step dt before, at r - dt v, where it came from.
 
     A particle pressed into a corner is struck at every step, or every second one, as long as it stays there:
-    how often is a matter of the step, not of the model.  See the study `time_step`.
+    how often is a matter of the step, not of the model.  See the study `time_step`.  Any facet counts: for a
+    sphere that slides over a plateau into a flank the flank is no new contact.
     """
     x, y, z = (
         position[0] - dt * velocity[0],

@@ -66,6 +66,12 @@ def test_particles_that_come_from_free_flight_remove_as_ever(case):
     assert np.array_equal(always.surface.z, new.surface.z)
 
 
+def test_a_scheme_whose_steps_differ_is_refused():
+    with pytest.raises(ValueError, match=r"looks back by one step.*fixed_point"):
+        rain(removal={"new_contacts_only": True}, numerics={"time_step": 1e-9, "scheme": "fixed_point"})
+    rain(removal={"new_contacts_only": False}, numerics={"time_step": 1e-9, "scheme": "fixed_point"})
+
+
 def test_lammps_refuses_the_rule_that_its_fix_does_not_have():
     setup = build_setup(drop(1.0, new_contacts_only=True))
     with pytest.raises(EngineError, match="new_contacts_only"):

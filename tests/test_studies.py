@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,17 +16,21 @@ from rounding import close
 
 from cmpcheck import report
 from cmpcheck.results import Chart, Column, Curve, Estimate, StudyResult, Table
-from cmpcheck.studies import preston, registry
+from cmpcheck.studies import acceleration, particle_speed, preston, registry, time_step
 from cmpcheck.studies.polish_full import the_run
 from cmpcheck.studies.registry import run_studies
-from cmpcheck.studies.sampling import changed, held, powers
+from cmpcheck.studies.sampling import changed, estimate, held, powers, standing
 from cmpcheck.studies.shape import shape_of
 from cmpcheck.studies.spacing import last_on_refined, refined
-from cmpcheck.studies.sweep import Setting, sweep
+from cmpcheck.studies.sweep import Found, Setting, sweep
 from cmpcheck.studies.tables import csv_frame, frame_table
 from cmpcheck.verdicts import exit_code
 from reference import simulate
+from reference.case import CaseError
+from reference.checkpoint import Checkpoint
 from reference.heightfield import height_at
+from reference.process import build_setup
+from reference.recording import Run, version_of_code
 
 LEVELS = np.array([0.5, 1.0, 2.0, 4.0])
 
@@ -166,6 +171,84 @@ def test_an_interval_too_wide_to_decide_shows_no_law():
     assert "does not hold" in preston._standing((wide, other))
 
 
+# Convergence in the time step
+
+
+def steps_of(
+    offsets: Sequence[float], noise: float, rng: np.random.Generator, rule: str = time_step.NEW
+) -> time_step.Block:
+    """Made-up samples at halved steps: Pi and removals off by so much from the finest, at the first time."""
+    frames, n, case = [], 16, small_polish()
+    for offset in offsets:
+        columns = {"removals": 1000.0 * (1.0 + rng.normal(0.0, noise, n))}
+        columns["removed_volume"] = columns["removals"]
+        columns |= {name: 0.8 + rng.normal(0.0, noise, n) for name in time_step.FLATNESS_AT}
+        columns[time_step.FLATNESS_AT[0]] += offset
+        frames.append(pd.DataFrame(columns))
+    found = []
+    for k, rows in enumerate(frames):
+        difference = {q: estimate(rows[q] / frames[-1][q].mean() - frames[-1][q] / frames[-1][q].mean())
+                      for q in ("removals", "removed_volume")}  # fmt: skip
+        cells = ("made up", rule, 0.01 * 0.5**k, 1e-9 * 0.5**k, 0.1)
+        found.append(Found(Setting(cells, case), rows, {}, difference))
+    return time_step.Block("made up", rule, found)
+
+
+def test_noise_is_not_decided_and_is_no_convergence():
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0.0, 0.1, (200, 5, 16))
+    answers = [standing([estimate(time) for time in times], 16, time_step.SAME_FLATNESS) for times in noise]
+    assert "converged" not in answers
+    # either sign has 5 % at most to be called different: 20 of 200, a binomial count within 4 deviations, 17
+    assert answers.count("different") <= 37
+    block = steps_of((0.0, 0.0), 0.1, rng)
+    assert block.converged(time_step.AMOUNTS)[0] is None
+    assert "Π not shown to converge (at 0.01 not decided, n = 16)" in time_step._standing(block)
+
+
+def test_a_difference_at_one_time_is_told_and_one_below_the_limit_is_none():
+    rng = np.random.default_rng(2)
+    block = steps_of((0.03, 0.03, 0.004, 0.0), 0.002, rng)
+    answers = [block.standing(one, time_step.FLATNESS) for one in block.found]
+    assert answers == ["different", "different", "converged", "converged"]
+    fine, coarser = block.converged(time_step.FLATNESS)
+    assert (fine, coarser) == (block.found[2], block.found[1])
+    assert "Π converged from γ = 0.0025 on (at 0.005 different, n = 16)" in time_step._standing(block)
+
+
+def test_a_rule_is_advised_only_where_the_other_is_known_to_differ():
+    rng = np.random.default_rng(3)
+    new = steps_of((0.0, 0.0, 0.0), 0.002, rng)
+    for offset, noise, advised in ((0.03, 0.002, True), (0.0, 0.1, False), (0.0, 0.002, False)):
+        every = steps_of((offset, 0.0, 0.0), noise, rng, time_step.EVERY)
+        assert ("new_contacts_only" in time_step._advice([every, new])) == advised
+
+
+def test_factors_are_advised_up_to_the_first_that_differs():
+    def one(factor: float, change: float, error: float) -> Found:
+        mean = {"flatness": Estimate(0.8, 0.01), "removals": Estimate(1000.0 / factor, 1.0)}
+        setting = Setting((factor, 1.0), small_polish())
+        return Found(setting, pd.DataFrame({"x": range(8)}), mean, {"flatness": Estimate(change, error)})
+
+    found = [one(400, 0.001, 0.01), one(200, 0.10, 0.01), one(100, 0.01, 0.01), one(50, 0.0, 0.0)]
+    said = acceleration._sentence(found)
+    assert "up to A = 100 no change" in said
+    assert "At A = 200 Π(T) differs" in said
+    assert "400" not in said
+
+
+def test_the_speed_of_particles_is_judged_at_times_fixed_beforehand():
+    rng = np.random.default_rng(4)
+    noise = rng.normal(0.0, 0.01, (8, 101))
+    t = np.linspace(0.0, 1.0, 101)
+    for course, said in (
+        (0.0, "told from none"),
+        (0.2, "as the paper says"),
+        (-0.2, "contrary to the paper"),
+    ):
+        assert said in particle_speed._sentence(0.5 + course * t + noise, np.full((8, 101), 0.5))
+
+
 # Running
 
 
@@ -224,11 +307,11 @@ def test_a_study_that_fails_is_an_entry_and_the_others_go_on(two_studies, monkey
 
 
 def test_a_study_finds_the_same_with_one_process_and_with_two(tmp_path):
-    names = ["threshold", "spacing"]
+    names = ["fine_abrasive", "threshold"]
     once = without_clock(run_studies(names, "quick", tmp_path, 1))
     twice = without_clock(run_studies(names[::-1], "quick", tmp_path, 2))
     assert once == twice
-    assert [result.name for result in once] == ["spacing", "threshold"]
+    assert [result.name for result in once] == ["threshold", "fine_abrasive"]
     assert not any(result.error for result in once)
 
 
@@ -264,3 +347,24 @@ def test_a_run_that_is_there_is_read_and_one_that_is_not_needs_the_full_profile(
     other = changed(case, case={"seed": 4})
     with pytest.raises(ValueError, match="no complete run"):
         the_run(other, tmp_path / "run", may_run=False)
+
+
+@pytest.mark.parametrize("key, value", [("code", "of yesterday"), ("engine", "lammps"), ("complete", False)])
+def test_a_run_by_another_version_or_engine_is_made_anew(tmp_path, key, value):
+    case = small_polish()
+    made = simulate(case, out=tmp_path)
+    made.provenance[key] = value
+    made.save(tmp_path)
+    with pytest.raises(ValueError, match="no complete run"):
+        the_run(case, tmp_path, may_run=False)
+    again = the_run(case, tmp_path, may_run=True)
+    assert (again.provenance["engine"], again.provenance["complete"]) == ("reference", True)
+    assert Run.load(tmp_path).provenance["code"] == version_of_code()
+
+
+def test_a_checkpoint_of_another_case_does_not_stop_the_run(tmp_path):
+    Checkpoint(tmp_path, build_setup(small_polish(case={"duration": 20e-6, "outputs": 6, "seed": 9}))).start()
+    case = small_polish()
+    with pytest.raises(CaseError, match="another case"):
+        simulate(case, out=tmp_path, resume=True)
+    assert the_run(case, tmp_path, may_run=True).provenance["complete"]

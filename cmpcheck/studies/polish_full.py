@@ -7,6 +7,7 @@ where `cmpcheck run polish_full` puts it, and is read from there when it is whol
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 from cmpcheck.display import duration, number
@@ -14,7 +15,7 @@ from cmpcheck.results import Chart, Column, Curve, StudyResult, Table
 from cmpcheck.studies.shape import shape_of
 from reference import simulate
 from reference.case import Case, CaseError, load_case
-from reference.recording import Run
+from reference.recording import Run, version_of_code
 
 CASE = "polish_full"
 PARTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # t/T in the table
@@ -67,19 +68,30 @@ def study(profile: str, runs: Path) -> StudyResult:
 
 
 def the_run(case: Case, folder: Path, may_run: bool) -> Run:
-    """The run of the case in `folder`, simulated if it is not there yet.
+    """The run of the case in `folder`, by the reference as it is now; simulated if it is not there yet.
 
+    A run that was killed goes on; one of another case, engine or version of the code is replaced.
     Raises ValueError where it is not there and may not be run.
     """
     try:
         run = Run.load(folder)
     except CaseError:
         run = None
-    if run is not None and run.provenance.get("complete") and run.case == case:
+    whole = run is not None and run.provenance.get("complete") is True
+    if run is not None and whole and _is_of(run, case):
         return run
     if not may_run:
         raise ValueError(
-            f"no complete run of {case.name} in {folder}; made by --profile full, or by: cmpcheck run "
-            f"{case.name}"
+            f"no complete run of {case.name} by this version in {folder}; made by --profile full, or by: "
+            f"cmpcheck run {case.name}"
         )
-    return simulate(case, out=folder, resume=True)
+    if not whole:
+        with suppress(CaseError):  # of a checkpoint that another case or version left, or a damaged one
+            return simulate(case, out=folder, resume=True)
+    return simulate(case, out=folder)
+
+
+def _is_of(run: Run, case: Case) -> bool:
+    """Whether the reference, as it is now, made this run of the case."""
+    made_by = (run.provenance.get("engine"), run.provenance.get("code"))
+    return run.case == case and made_by == ("reference", version_of_code())

@@ -23,6 +23,8 @@ from reference.case_sections import Variant
 from reference.ensemble import run_samples
 
 CONFIDENCE = 0.95
+FINE_GAMMA = 0.001  # of polish_pair: 0.9 ns, at which 2 U dt/tau is a fifth of its threshold
+CONVERGED, DIFFERENT, UNDECIDED = "converged", "different", "not decided"
 
 
 def changed(case: Case, /, **sections: Mapping[str, Any]) -> Case:
@@ -39,6 +41,32 @@ def held(case: Case, pad_height: float, /, **sections: Mapping[str, Any]) -> Cas
     """The case with its pad at a constant height H (m), and keys of other sections replaced."""
     pad = {"initial_height": pad_height, "minimum_height": pad_height}
     return changed(case, **{**sections, "pad": pad | dict(sections.get("pad", {}))})
+
+
+def pressed_speed(case: Case) -> float:
+    """2 U dt/tau in m/s: how fast a particle of mean size, pressed on the surface, is struck each step."""
+    assert case.particles is not None
+    assert case.pad is not None
+    assert case.fluid is not None
+    diameter, density = case.particles.mean_diameter, case.material[case.particles.material].density
+    relaxation = density * diameter**2 / (18.0 * case.fluid.viscosity)
+    return 2.0 * case.pad.speed * time_step(case) / relaxation
+
+
+def time_step(case: Case) -> float:
+    """The step of a case with a pad and [particles], s: as given, or gamma d/V_pad."""
+    assert case.particles is not None
+    assert case.pad is not None
+    return case.numerics.time_step or case.numerics.gamma * case.particles.mean_diameter / case.pad.speed
+
+
+def step_text(case: Case, plain: Case) -> str:
+    """Why a case takes other steps than the plain one, in words."""
+    (dt, struck), (own, hard) = ((1e9 * time_step(c), pressed_speed(c)) for c in (case, plain))
+    return (
+        f"γ = {case.numerics.gamma:g}, steps of {dt:.2g} ns: a particle pressed on the surface is struck at "
+        f"2 U Δt/τ = {struck:.2g} m/s, below the threshold; at the case's own {own:.2g} ns at {hard:.2g} m/s."
+    )
 
 
 def final_row(case: Case) -> pd.Series:
@@ -65,9 +93,34 @@ def estimate(values: ArrayLike) -> Estimate:
     return Estimate(float(array.mean()), float(stats.sem(array)))
 
 
-def half_width(found: Estimate, samples: int) -> float:
-    """Half of Student's 95 % confidence interval of a mean."""
-    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, samples - 1)) * found.standard_error
+def half_width(found: Estimate, samples: int, among: int = 1) -> float:
+    """Half of Student's 95 % confidence interval of a mean, or of `among` means at once (Bonferroni)."""
+    return float(stats.t.isf(0.5 * (1.0 - CONFIDENCE) / among, samples - 1)) * found.standard_error
+
+
+def standing(changes: Sequence[Estimate], samples: int, limit: float) -> str:
+    """Whether changes are within a limit, beyond it, or neither is known, by Student's one-sided bounds.
+
+    converged: each |d| + t SE <= limit, t at 95 %.  different: some |d| - t SE > limit, where the 5 % are
+    shared among the changes, since one of them is enough.  Else not decided: noise is no convergence.
+
+    >>> [standing([Estimate(d, e)], 4, 0.01) for d, e in ((0.0, 0.001), (0.0, 0.1), (0.02, 0.001))]
+    ['converged', 'not decided', 'different']
+    """
+    t, t_any = stats.t.isf([1.0 - CONFIDENCE, (1.0 - CONFIDENCE) / len(changes)], samples - 1)
+    if all(abs(d) + t * error <= limit for d, error in changes):
+        return CONVERGED
+    return DIFFERENT if any(abs(d) - t_any * error > limit for d, error in changes) else UNDECIDED
+
+
+def clear(found: Estimate, samples: int, among: int = 1) -> bool:
+    """Whether the 95 % interval of a mean, or of one `among` several, leaves out zero."""
+    return abs(found.value) > half_width(found, samples, among)
+
+
+def interval_text(found: Estimate, samples: int) -> str:
+    """A mean and half of its 95 % interval."""
+    return uncertain(found.value, half_width(found, samples))
 
 
 def samples_of(case: Case, samples: int) -> str:

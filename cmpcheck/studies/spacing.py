@@ -13,9 +13,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cmpcheck.display import uncertain
 from cmpcheck.results import Column, StudyResult
-from cmpcheck.studies.sampling import changed, samples_of
+from cmpcheck.studies.sampling import (
+    FINE_GAMMA,
+    changed,
+    clear,
+    half_width,
+    interval_text,
+    samples_of,
+    step_text,
+)
 from cmpcheck.studies.sweep import Found, Setting, sweep, sweep_table
 from reference.case import Case, load_case
 from reference.process import build_setup
@@ -25,7 +32,6 @@ CASE = "polish_pair"
 SAMPLES = {"quick": 3, "full": 12}
 REFINEMENTS = (1, 2, 4)  # how often finer than the case's n = 20 nodes
 VOLUME_FACTOR = 4500.0  # volume takes so much less off than node_depth at n = 20
-CLEAR = 2.0  # standard errors
 
 
 def refined(heights: np.ndarray) -> np.ndarray:
@@ -60,7 +66,8 @@ def last_on_refined(case: Case, finer: int) -> pd.Series:
 
 def study(profile: str, runs: Path) -> StudyResult:
     """Flatness, removals and volume on one surface with nodes at three spacings."""
-    (case,) = load_case(CASE).variants()
+    (plain,) = load_case(CASE).variants()
+    case = changed(plain, numerics={"gamma": FINE_GAMMA})
     assert case.removal is not None
     assert case.surface.nodes is not None
     n, a = SAMPLES[profile], case.removal.acceleration
@@ -83,7 +90,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         varied="The number of nodes n along each side. The surface is the same in all rows, that of the "
         "case with nodes added on it; what changes is where removal goes. node_depth lowers the nearest "
         f"node, whose share of the area goes as 1/n²; volume, here with an A {VOLUME_FACTOR:g} times as "
-        "large for a similar Π(T), takes a volume off the struck triangle.",
+        f"large for a similar Π(T), takes a volume off the struck triangle. {step_text(case, plain)}",
         samples=samples_of(case, n),
         tables=(
             sweep_table(
@@ -97,23 +104,22 @@ def study(profile: str, runs: Path) -> StudyResult:
 
 
 def _sentence(found: list[list[Found]]) -> str:
-    parts = []
+    parts, steady = [], []
     for group in found:
         finest = group[-1]
-        change = finest.difference["flatness"]
-        clear = abs(change.value) > CLEAR * change.standard_error
+        change, n = finest.difference["flatness"], len(finest.rows)
         parts.append(
             f"{finest.setting.cells[0]}: Π(T) goes from {group[0].mean['flatness'].value:.3f} to "
-            f"{finest.mean['flatness'].value:.3f}, a change of {uncertain(*change)}"
-            + ("" if clear else ", not told from none")
+            f"{finest.mean['flatness'].value:.3f}, a change of {interval_text(change, n)}"
         )
-    steady = [group[0].setting.cells[0] for group in found if abs(group[-1].difference["flatness"].value)
-              <= CLEAR * group[-1].difference["flatness"].standard_error]  # fmt: skip
+        if not clear(change, n):
+            most = abs(change.value) + half_width(change, n)
+            steady.append(f"with {finest.setting.cells[0]}, where it may be up to {most:.2g}")
     first, last = (found[0][k].setting.cells[1] for k in (0, -1))
     advice = (
-        f"No dependence of Π on the spacing is told from none with {' and '.join(map(str, steady))}"
+        f"A dependence of Π on the spacing is not told from none {', and '.join(steady)}"
         if steady
         else "Π depends on the spacing under each of these rules, so that the number of nodes belongs to "
         "the model"
     )
-    return f"From n = {first:g} to {last:g}: " + "; ".join(parts) + f". {advice}."
+    return f"From n = {first:g} to {last:g}: {'; '.join(parts)} (95 % intervals). {advice}."

@@ -14,9 +14,23 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from cmpcheck.results import Chart, Column, StudyResult
-from cmpcheck.studies.sampling import changed, held, samples_of
-from cmpcheck.studies.sweep import Found, Setting, curve, sweep, sweep_table
+from cmpcheck.display import uncertain
+from cmpcheck.observables import TIMES, judged_frames
+from cmpcheck.results import Chart, Column, Estimate, StudyResult, Table
+from cmpcheck.statistics import relative_differences
+from cmpcheck.studies.sampling import (
+    CONVERGED,
+    DIFFERENT,
+    changed,
+    clear,
+    estimate,
+    held,
+    pressed_speed,
+    samples_of,
+    standing,
+    time_step,
+)
+from cmpcheck.studies.sweep import RELATIVE, Found, Setting, curve, sweep, sweep_table
 from reference import simulate
 from reference.case import Case, load_case
 
@@ -24,41 +38,58 @@ CASE, EXAMPLE = "polish_pair", "polish"
 GAMMAS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125)
 SLOW_GAMMAS = (0.01, 0.005, 0.0025, 0.00125, 0.000625)
 EXAMPLE_GAMMAS = GAMMAS[:4]  # 10 s a sample at 0.01
-SAMPLES = {"quick": 3, "full": 8}
+SAMPLES = {"quick": 3, "full": 16}
 EXAMPLE_SAMPLES = {"quick": 0, "full": 3}
 HEIGHT = 1.2e-6  # m: an abrasive does not pass between an asperity and a pad held here
 SLOW = {"removal": {"acceleration": 10.0}, "case": {"duration": 250e-6}}
 SAME_FLATNESS, SAME_RELATIVE = 0.01, 0.03  # differences that matter to nobody
-SAME_ERRORS = 2.0  # standard errors: a smaller difference is not told from none
+FLATNESS, AMOUNTS = "Π", "removals and volume"
+FLATNESS_AT = [f"flatness {k}/{TIMES}" for k in range(1, TIMES + 1)]  # of the duration
 EVERY, NEW = "every impact", "new contacts only"
 SHOWN = (("removals", "1", "removals"), ("removed volume", "m3", "removed_volume"))
 AGAIN = 2.5  # steps since the last removal by the same particle
 
 
 class Block(NamedTuple):
-    """One setting with one rule, at every step."""
+    """One setting with one rule, at every step, coarsest first; `found` has a column for Pi at each time."""
 
     name: str
     rule: str
     found: list[Found]
 
-    def converged(self, *quantities: str) -> float | None:
-        """The largest gamma from which on no change of these matters; None if only the finest is left."""
+    @property
+    def samples(self) -> int:
+        """Seeds."""
+        return len(self.found[-1].rows)
+
+    def flatness_changes(self, one: Found) -> list[Estimate]:
+        """Changes of Pi to the finest step at the times at which it is judged, by seed."""
+        finest = self.found[-1].rows
+        return [estimate(one.rows[column] - finest[column]) for column in FLATNESS_AT]
+
+    def standing(self, one: Found, what: str) -> str:
+        """Whether Pi, or removals and volume, are at this step what they are at the finest."""
+        if what == FLATNESS:
+            return standing(self.flatness_changes(one), self.samples, SAME_FLATNESS)
+        return standing([one.difference[q] for q in RELATIVE], self.samples, SAME_RELATIVE)
+
+    def converged(self, what: str) -> tuple[Found | None, Found | None]:
+        """The coarsest step from which on all are converged, and the next coarser; None if there is none."""
         fine = None
         for one in reversed(self.found[:-1]):
-            if not all(_same(one, quantity) for quantity in quantities):
-                break
-            fine = float(one.setting.cells[2])
-        return fine
+            if self.standing(one, what) != CONVERGED:
+                return fine, one
+            fine = one
+        return fine, None
 
     @property
     def order(self) -> float | None:
         """The p of differences ∝ dt^p of the removed volume; None unless three are told from none."""
         told = [
             (float(one.setting.cells[3]), abs(change.value))
-            for one in self.found
+            for one in self.found[:-1]
             for change in [one.difference["removed_volume"]]
-            if abs(change.value) > SAME_ERRORS * change.standard_error
+            if clear(change, self.samples)
         ]
         if len(told) < 3:
             return None
@@ -66,10 +97,11 @@ class Block(NamedTuple):
         return float(np.polyfit(steps, changes, 1)[0])
 
     @property
-    def change(self) -> float:
-        """The largest relative change of removals between a step and the half of it."""
-        counts = [one.mean["removals"].value for one in self.found]
-        return max(abs(a / b - 1.0) for a, b in itertools.pairwise(counts))
+    def change(self) -> Estimate:
+        """The largest relative change of removals when a step is halved."""
+        counts = [one.rows["removals"] for one in self.found]
+        changes = [estimate(relative_differences(b, a)) for a, b in itertools.pairwise(counts)]
+        return max(changes, key=lambda change: abs(change.value))
 
 
 def study(profile: str, runs: Path) -> StudyResult:
@@ -90,13 +122,6 @@ def study(profile: str, runs: Path) -> StudyResult:
     ]
     if few:
         blocks.append(_block(f"{EXAMPLE}, pad descends, A = 100", example, False, EXAMPLE_GAMMAS, few))
-    head = [
-        Column("setting"),
-        Column("removing"),
-        Column("gamma"),
-        Column("time step", "s"),
-        Column("2 U dt/tau", "m/s"),
-    ]
     held_blocks = blocks[4:6]
     return StudyResult(
         name="time_step",
@@ -106,13 +131,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         f"at {HEIGHT * 1e6:g} µm, where no abrasive passes over an asperity; at A = 10 it takes 40 times "
         "as many impacts to clear one away as at A = 400.",
         samples=samples_of(case, n) + (f" {samples_of(example, few)}" if few else ""),
-        tables=(
-            sweep_table(
-                "Polishing at several time steps, ± standard error", head,
-                [one for block in blocks for one in block.found], "the finest",
-                {"again": Column("struck again within 2 steps", "%")},
-            ),
-        ),
+        tables=(_table(blocks),),
         sentence=_sentence(blocks),
         charts=tuple(
             Chart(
@@ -126,67 +145,106 @@ def study(profile: str, runs: Path) -> StudyResult:
 
 
 def last_with_repeats(case: Case) -> pd.Series:
-    """The history at the end, and the share of removals (%) that follow one of the same particle at once."""
+    """The history at the end, and two more.
+
+    Pi at the times at which it is judged, and the share of removals (%) that follow one of the same particle
+    at once.
+    """
     run = simulate(case)
     removals = run.contacts[run.contacts["removed_volume"] > 0.0].sort_values(["i", "time"])
     since = removals.groupby("i")["time"].diff()
     step = run.times[-1] / run.provenance["steps"]
     again = 100.0 * float((since <= AGAIN * step).mean()) if len(removals) else 0.0
-    return pd.concat([run.history.iloc[-1], pd.Series({"again": again})])
+    flat = run.history["flatness"].iloc[judged_frames(len(run.history))].set_axis(FLATNESS_AT)
+    return pd.concat([run.history.iloc[-1], flat, pd.Series({"again": again})])
 
 
 def _block(name: str, case: Case, new_only: bool, gammas: Sequence[float], samples: int) -> Block:
     rule = NEW if new_only else EVERY
-    diameter, speed = case.particles.mean_diameter, case.pad.speed  # type: ignore[union-attr]
-    density = case.material[case.particles.material].density  # type: ignore[union-attr]
-    relaxation = density * diameter**2 / (18.0 * case.fluid.viscosity)  # type: ignore[union-attr]
     settings = []
     for gamma in gammas:
-        step = gamma * diameter / speed
         changes: dict[str, Any] = {"numerics": {"gamma": gamma}, "removal": {"new_contacts_only": new_only}}
-        cells = (name, rule, gamma, step, 2.0 * speed * step / relaxation)
-        settings.append(Setting(cells, changed(case, **changes), last_with_repeats))
+        fine = changed(case, **changes)
+        cells = (name, rule, gamma, time_step(fine), pressed_speed(fine))
+        settings.append(Setting(cells, fine, last_with_repeats))
     return Block(name, rule, sweep(settings, len(settings) - 1, samples))
 
 
-def _same(one: Found, quantity: str) -> bool:
-    """Whether a difference to the finest step does not matter, or is not told from none."""
-    change = one.difference[quantity]
-    limit = SAME_FLATNESS if quantity == "flatness" else SAME_RELATIVE
-    return abs(change.value) <= max(limit, SAME_ERRORS * change.standard_error)
+def _table(blocks: Sequence[Block]) -> Table:
+    """All steps, with what they say on convergence, and the change of Pi at a fifth of the time."""
+    head = [
+        Column("setting"),
+        Column("removing"),
+        Column("gamma"),
+        Column("time step", "s"),
+        Column("2 U dt/tau", "m/s"),
+    ]
+    table = sweep_table(
+        "Polishing at several time steps, ± standard error", head,
+        [one for block in blocks for one in block.found], "the finest",
+        {"again": Column("struck again within 2 steps", "%")},
+    )  # fmt: skip
+    said: list[tuple[str | Estimate, ...]] = [
+        (block.flatness_changes(one)[0], *(_cell(block, one, what) for what in (FLATNESS, AMOUNTS)))
+        for block in blocks
+        for one in block.found
+    ]
+    return Table(
+        table.caption,
+        (*table.columns, Column("change of Π(T/5)"), Column("Π is"), Column("removals and volume are")),
+        tuple((*row, *cells) for row, cells in zip(table.rows, said, strict=True)),
+    )
+
+
+def _cell(block: Block, one: Found, what: str) -> str:
+    return "the finest" if one is block.found[-1] else block.standing(one, what)
 
 
 def _sentence(blocks: Sequence[Block]) -> str:
     listed = "; ".join(f"{block.name}, {block.rule}: {_standing(block)}" for block in blocks)
-    error = max(one.difference["flatness"].standard_error for block in blocks for one in block.found)
     return (
-        f"{listed[0].upper()}{listed[1:]}. Converged means that Π is within {SAME_FLATNESS:g} of the finest "
-        f"step, and removals and volume within {100 * SAME_RELATIVE:.0f} %, or within two standard errors "
-        f"(of Π at most {error:.3f}).{_advice(blocks)}"
+        f"{listed[0].upper()}{listed[1:]}. Converged means that Π at each of {TIMES} equally spaced times is "
+        f"within {SAME_FLATNESS:g} of the finest step, and removals and volume within "
+        f"{100 * SAME_RELATIVE:.0f} %, as upper bounds; different, that it is farther off, as lower bound "
+        f"(both Student's, one-sided, 95 %); not decided, neither: more seeds would tell.{_advice(blocks)}"
     )
 
 
 def _standing(block: Block) -> str:
     texts = []
-    for what, quantities in (("Π", ("flatness",)), ("removals and volume", ("removals", "removed_volume"))):
-        gamma = block.converged(*quantities)
-        texts.append(f"{what} not converged" if gamma is None else f"{what} converged from γ = {gamma:g} on")
+    for what in (FLATNESS, AMOUNTS):
+        fine, coarser = block.converged(what)
+        text = "not shown to converge" if fine is None else f"converged from γ = {_gamma(fine):g} on"
+        if coarser is not None:
+            text += f" (at {_gamma(coarser):g} {block.standing(coarser, what)}, n = {block.samples})"
+        texts.append(f"{what} {text}")
     order = "" if block.order is None else f", volume of order {block.order:.1f}"
-    change = f"at most {100 * block.change:.0f} % more or less at half the step"
-    return f"{texts[0]}, {texts[1]}{order} ({change})"
+    return f"{', '.join(texts)}{order}; at half the step removals change by {_percent(block.change)} at most"
 
 
 def _advice(blocks: Sequence[Block]) -> str:
-    """Where Pi converges with new contacts only, and not or at smaller steps with every impact."""
+    """Where Pi converges with new contacts only, and differs there or at smaller steps with every impact."""
     every = {block.name: block for block in blocks if block.rule == EVERY}
     advice = ""
     for block in blocks:
-        gamma, before = block.converged("flatness"), every[block.name].converged("flatness")
-        if block.rule == NEW and gamma is not None and (before or 0.0) < gamma:
-            still, earlier = (100 * b.change for b in (block, every[block.name]))
+        fine, other = block.converged(FLATNESS)[0], every[block.name]
+        if block.rule == EVERY or fine is None:
+            continue
+        gamma = _gamma(fine)
+        below = [one for one in other.found[:-1] if _gamma(one) <= gamma]
+        if any(other.standing(one, FLATNESS) == DIFFERENT for one in below):
             advice += (
-                f" {block.name[0].upper()}{block.name[1:]}: removal.new_contacts_only = true makes Π "
-                f"converge from γ = {gamma:g} on; halving the step changes the removals by up to "
-                f"{still:.0f} %, {earlier:.0f} % with every impact."
+                f" {block.name[0].upper()}{block.name[1:]}: with removal.new_contacts_only = true Π is "
+                f"converged from γ = {gamma:g} on, where with every impact it is not; halving the step "
+                f"changes the removals by up to {_percent(block.change)}, {_percent(other.change)} with "
+                "every impact."
             )
     return advice
+
+
+def _gamma(one: Found) -> float:
+    return float(one.setting.cells[2])
+
+
+def _percent(share: Estimate) -> str:
+    return f"({uncertain(*(100.0 * part for part in share))}) %"
