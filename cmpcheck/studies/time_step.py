@@ -131,7 +131,7 @@ def study(profile: str, runs: Path) -> StudyResult:
         f"at {HEIGHT * 1e6:g} µm, where no abrasive passes over an asperity; at A = 10 it takes 40 times "
         "as many impacts to clear one away as at A = 400.",
         samples=samples_of(case, n) + (f" {samples_of(example, few)}" if few else ""),
-        tables=(_table(blocks),),
+        tables=_tables(blocks),
         sentence=_sentence(blocks),
         charts=tuple(
             Chart(
@@ -170,34 +170,35 @@ def _block(name: str, case: Case, new_only: bool, gammas: Sequence[float], sampl
     return Block(name, rule, sweep(settings, len(settings) - 1, samples))
 
 
-def _table(blocks: Sequence[Block]) -> Table:
-    """All steps, with what they say on convergence, and the change of Pi at a fifth of the time."""
-    head = [
+def _tables(blocks: Sequence[Block]) -> tuple[Table, Table]:
+    """All steps, and what they say on convergence."""
+    head = (
         Column("setting"),
         Column("removing"),
         Column("gamma"),
         Column("time step", "s"),
         Column("2 U dt/tau", "m/s"),
-    ]
-    table = sweep_table(
+    )
+    steps = sweep_table(
         "Polishing at several time steps, ± standard error", head,
         [one for block in blocks for one in block.found], "the finest",
         {"again": Column("struck again within 2 steps", "%")},
     )  # fmt: skip
-    said: list[tuple[str | Estimate, ...]] = [
-        (block.flatness_changes(one)[0], *(_cell(block, one, what) for what in (FLATNESS, AMOUNTS)))
+    times = tuple(Column(f"at {k}/{TIMES} T") for k in range(1, TIMES + 1))
+    said: list[tuple[str | float | Estimate, ...]] = [
+        (
+            *one.setting.cells[:3], *block.flatness_changes(one),
+            *(block.standing(one, what) for what in (FLATNESS, AMOUNTS)),
+        )
         for block in blocks
-        for one in block.found
-    ]
-    return Table(
-        table.caption,
-        (*table.columns, Column("change of Π(T/5)"), Column("Π is"), Column("removals and volume are")),
-        tuple((*row, *cells) for row, cells in zip(table.rows, said, strict=True)),
+        for one in block.found[:-1]
+    ]  # fmt: skip
+    judged = Table(
+        "Change of Π from the finest step at the times at which it is judged, ± standard error, and answers",
+        (*head[:3], *times, Column("Π is"), Column("removals and volume are")),
+        tuple(said),
     )
-
-
-def _cell(block: Block, one: Found, what: str) -> str:
-    return "the finest" if one is block.found[-1] else block.standing(one, what)
+    return steps, judged
 
 
 def _sentence(blocks: Sequence[Block]) -> str:
@@ -233,11 +234,12 @@ def _advice(blocks: Sequence[Block]) -> str:
         gamma = _gamma(fine)
         below = [one for one in other.found[:-1] if _gamma(one) <= gamma]
         if any(other.standing(one, FLATNESS) == DIFFERENT for one in below):
+            fall = 1.0 - float(block.found[-1].rows[FLATNESS_AT[-1]].mean())
+            still, before = _percent(block.change), _percent(other.change)
             advice += (
-                f" {block.name[0].upper()}{block.name[1:]}: with removal.new_contacts_only = true Π is "
-                f"converged from γ = {gamma:g} on, where with every impact it is not; halving the step "
-                f"changes the removals by up to {_percent(block.change)}, {_percent(other.change)} with "
-                "every impact."
+                f" {block.name[0].upper()}{block.name[1:]}: with removal.new_contacts_only = true Π, which "
+                f"falls by {fall:.2g} in all, is converged from γ = {gamma:g} on, where with every impact it "
+                f"is not; halving the step changes the removals by up to {still}, {before} with every impact."
             )
     return advice
 
