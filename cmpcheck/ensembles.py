@@ -57,7 +57,7 @@ def compare_ensembles(
     step_pairs = STEP_SAMPLES * pairs_to_run(case, "reference", profile, step_limits) if check_step else 0
     for k in range(max(pairs, step_pairs)):
         setup = build_setup(sample_case(case, k))
-        ours.append(_keep(engines[0].run(setup, fine), folder, "reference", k))
+        ours.append(_keep(engines[0].run(setup, fine), folder if k < pairs else None, "reference", k))
         if k < step_pairs:
             doubled.append(engines[0].run(setup, coarse))
             if not math.isclose(setup.time_step, fine.time_step):

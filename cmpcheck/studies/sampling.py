@@ -21,6 +21,7 @@ from reference import simulate
 from reference.case import Case
 from reference.case_sections import Variant
 from reference.ensemble import run_samples
+from reference.process import build_setup, pressed_speed
 
 CONFIDENCE = 0.95
 FINE_GAMMA = 0.001  # of polish_pair: 0.9 ns, at which 2 U dt/tau is a fifth of its threshold
@@ -43,26 +44,10 @@ def held(case: Case, pad_height: float, /, **sections: Mapping[str, Any]) -> Cas
     return changed(case, **{**sections, "pad": pad | dict(sections.get("pad", {}))})
 
 
-def pressed_speed(case: Case) -> float:
-    """2 U dt/tau in m/s: how fast a particle of mean size, pressed on the surface, is struck each step."""
-    assert case.particles is not None
-    assert case.pad is not None
-    assert case.fluid is not None
-    diameter, density = case.particles.mean_diameter, case.material[case.particles.material].density
-    relaxation = density * diameter**2 / (18.0 * case.fluid.viscosity)
-    return 2.0 * case.pad.speed * time_step(case) / relaxation
-
-
-def time_step(case: Case) -> float:
-    """The step of a case with a pad and [particles], s: as given, or gamma d/V_pad."""
-    assert case.particles is not None
-    assert case.pad is not None
-    return case.numerics.time_step or case.numerics.gamma * case.particles.mean_diameter / case.pad.speed
-
-
 def step_text(case: Case, plain: Case) -> str:
     """Why a case takes other steps than the plain one, in words."""
-    (dt, struck), (own, hard) = ((1e9 * time_step(c), pressed_speed(c)) for c in (case, plain))
+    setups = [build_setup(each) for each in (case, plain)]
+    (dt, struck), (own, hard) = ((1e9 * s.time_step, pressed_speed(s, s.time_step)) for s in setups)
     return (
         f"γ = {case.numerics.gamma:g}, steps of {dt:.2g} ns: a particle pressed on the surface is struck at "
         f"2 U Δt/τ = {struck:.2g} m/s, below the threshold; at the case's own {own:.2g} ns at {hard:.2g} m/s."

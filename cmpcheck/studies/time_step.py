@@ -25,14 +25,13 @@ from cmpcheck.studies.sampling import (
     clear,
     estimate,
     held,
-    pressed_speed,
     samples_of,
     standing,
-    time_step,
 )
 from cmpcheck.studies.sweep import RELATIVE, Found, Setting, curve, sweep, sweep_table
 from reference import simulate
 from reference.case import Case, load_case
+from reference.process import build_setup, pressed_speed
 
 CASE, EXAMPLE = "polish_pair", "polish"
 GAMMAS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125)
@@ -165,7 +164,8 @@ def _block(name: str, case: Case, new_only: bool, gammas: Sequence[float], sampl
     for gamma in gammas:
         changes: dict[str, Any] = {"numerics": {"gamma": gamma}, "removal": {"new_contacts_only": new_only}}
         fine = changed(case, **changes)
-        cells = (name, rule, gamma, time_step(fine), pressed_speed(fine))
+        setup = build_setup(fine)
+        cells = (name, rule, gamma, setup.time_step, pressed_speed(setup, setup.time_step))
         settings.append(Setting(cells, fine, last_with_repeats))
     return Block(name, rule, sweep(settings, len(settings) - 1, samples))
 
