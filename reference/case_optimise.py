@@ -18,7 +18,13 @@ from reference.toml_source import MISSING, CaseError, Refusal, nearest
 if TYPE_CHECKING:
     from reference.case import Case
 
-FIXED = ("case", "cost", "engine", "numerics", "optimise")  # what is computed and how: no parameters of a process
+FIXED = (
+    "case",
+    "cost",
+    "engine",
+    "numerics",
+    "optimise",
+)  # what is computed and how: no parameters of a process
 
 
 class Gene(Section):
@@ -47,7 +53,7 @@ class Weights(Section):
 
 
 class Optimise(Section):
-    """[optimise]: genes, the genetic algorithm, and the ensemble of each string. Paper: Sections 3.2 and 4.1."""
+    """[optimise]: genes, the genetic algorithm, and ensembles. Paper: Sections 3.2 and 4.1."""
 
     population: Annotated[StrictInt, Field(ge=4)] = 20  # S
     parents: Annotated[StrictInt, Field(ge=2)] = 4  # K
@@ -87,7 +93,9 @@ def _check_sizes(part: Optimise) -> None:
 
 def _check_goal(case: Case, part: Optimise) -> None:
     if case.surface.kind != "asperities" or case.removal is None:
-        raise Refusal(("optimise",), MISSING, "needs surface.kind = 'asperities' and [removal]: Eq (44) is its cost")
+        raise Refusal(
+            ("optimise",), MISSING, "needs surface.kind = 'asperities' and [removal]: Eq (44) is its cost"
+        )
     if not any((part.weights.flatness, part.weights.removal_rate, part.weights.abrasive_mass)):
         raise Refusal(("optimise", "weights"), MISSING, "all zero; allowed: at least one above zero")
 
@@ -117,7 +125,9 @@ def _bound(case: Case, k: int, gene: Gene, end: str) -> float | int:
 def _require_number(case: Case, k: int, key: str) -> None:
     """Refuse a key that is not a number of this case."""
     at, parts = ("optimise", "gene", k, "key"), key.split(".")
-    sections = sorted(name for name in type(case).model_fields if isinstance(getattr(case, name), Section | Mapping))
+    sections = sorted(
+        name for name in type(case).model_fields if isinstance(getattr(case, name), Section | Mapping)
+    )
     allowed = [name for name in sections if name not in FIXED]
     if parts[0] not in allowed:
         raise Refusal(at, key, f"no section of this case that may vary; {nearest(parts[0], allowed)}")
