@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+import cmpcheck.optimise.command  # noqa: F401  (it registers itself)
 from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 

@@ -18,6 +18,7 @@ from cmpcheck.optimise.store import Evaluated, Store
 from cmpcheck.optimise.workers import Workers, WorkersError
 from reference.ensemble import ensemble_mean
 
+Strings = Sequence[Sequence[float]] | np.ndarray  # (m, n)
 Evaluate = Callable[[Problem, String, int], Sample]
 
 
@@ -103,7 +104,7 @@ class Evaluator:
 
     def costs(
         self,
-        strings: Sequence[Sequence[float]],
+        strings: Strings,
         run: str,
         first: int,
         generation: int,
@@ -121,7 +122,7 @@ class Evaluator:
             self.store.add_result(ensemble.number, result)
         return found
 
-    def samples(self, strings: Sequence[Sequence[float]], size: int, first: int = 0) -> list[list[Sample]]:
+    def samples(self, strings: Strings, size: int, first: int = 0) -> list[list[Sample]]:
         """The samples first, first + 1, ... of each string, `size` of them, or fewer where one fails."""
         ensembles = [self._ensemble(string, size, first) for string in strings]
         self._complete(ensembles)
@@ -134,7 +135,8 @@ class Evaluator:
         """Means of all columns over the samples of an ensemble."""
         known = self.store.samples(self.store.number_of(found.string))
         columns = np.array([known[k][:-1] for k in range(found.samples)], dtype=float)
-        return Sample(*map(float, columns.mean(axis=0)))
+        cost, flatness, rate, mass, seconds = map(float, columns.mean(axis=0))
+        return Sample(cost, flatness, rate, mass, seconds)
 
     def _ensemble(self, string: Sequence[float], size: int | None = None, first: int = 0) -> Ensemble:
         plain: String = tuple(map(float, string))

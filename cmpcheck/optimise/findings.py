@@ -19,6 +19,9 @@ from cmpcheck.optimise.problem import PAPER_KEYS
 from cmpcheck.optimise.results import TOP, Design, gene_name, gene_text
 
 LEVEL = 0.05
+PAPER_RANGES = dict(
+    zip(PAPER_KEYS, (0.21, 0.055, 0.23, 2.1), strict=True)
+)  # (most - least)/mean in its Table 1
 PAPER_CLUSTERS = dict(zip(PAPER_KEYS, (True, True, True, False), strict=True))  # Section 4.1
 
 
@@ -32,6 +35,7 @@ class Spread:
     least: float  # of the top strings
     most: float
     relative: float  # (most - least)/(high - low)
+    over_mean: float  # (most - least)/mean, which needs no bounds
     chance: float  # that as many uniform numbers spread as little or less
     correlation: float  # Spearman's, of gene and cost among random strings
     correlation_chance: float
@@ -55,9 +59,12 @@ def spreads(design: Design) -> list[Spread]:
         rank = (math.nan, math.nan)
         if len(set(drawn)) > 2:
             rank = stats.spearmanr(drawn, [cost for _, cost in finite])
+        over_mean = (max(values) - min(values)) / float(np.mean(values)) if values else math.nan
         chance = range_chance(relative, len(values))
         ends = (min(values, default=math.nan), max(values, default=math.nan))
-        found.append(Spread(gene.key, gene.low, gene.high, *ends, relative, chance, *map(float, rank)))
+        found.append(
+            Spread(gene.key, gene.low, gene.high, *ends, relative, over_mean, chance, *map(float, rank))
+        )
     return found
 
 
@@ -75,23 +82,42 @@ def conclusion(design: Design) -> str:
     found = {spread.key: spread for spread in spreads(design)}
     known = {key: said for key, said in PAPER_CLUSTERS.items() if key in found}
     if not known or not design.ranked or not math.isfinite(design.ranked[0].cost):
-        return "The paper's conclusion on its Table 1 cannot be compared: none of its genes was varied with success."
+        return "The paper's conclusion on its Table 1 cannot be compared: none of its genes was varied here."
     top = min(TOP, len(design.top_samples))
     ours = {key: found[key].clusters for key in known}
     parts = [f"{gene_name(key)} over {number(100 * found[key].relative, 2)} %" for key in known]
     listed = f"Among our top {top} the genes range over these parts of their bounds: {', '.join(parts)}."
     limit = number(100 * float(_range_limit(top)), 2)
-    rule = f"Less than {limit} % is called a cluster: {top} random values stay within that once in twenty times."
+    rule = (
+        f"Less than {limit} % is called a cluster: {top} random values stay within that once in twenty times."
+    )
     agree = [gene_name(key) for key, said in known.items() if ours[key] == said]
     differ = [gene_name(key) for key, said in known.items() if ours[key] != said]
     paper = "The paper concludes that V_pad, N and d̄ cluster among its top ten while δd spreads."
     if not differ:
         verdict = f"Ours agrees for {_joined(agree)}."
     else:
-        how = [f"{gene_name(k)} {'clusters' if ours[k] else 'spreads'}" for k in known if gene_name(k) in differ]
-        verdict = (f"Ours agrees for {_joined(agree)}, but " if agree else "Ours does not: ") + f"{_joined(how)}."
+        how = [
+            f"{gene_name(k)} {'clusters' if ours[k] else 'spreads'}" for k in known if gene_name(k) in differ
+        ]
+        verdict = (
+            f"Ours agrees for {_joined(agree)}, but " if agree else "Ours does not: "
+        ) + f"{_joined(how)}."
     caution = "Offspring lie between their parents, so genes that do not matter come to cluster too."
-    return " ".join((paper, verdict, listed, rule, caution))
+    return " ".join(filter(None, (paper, verdict, listed, rule, _widest(found), caution)))
+
+
+def _widest(found: dict[str, Spread]) -> str:
+    """Whether δd spreads more than the others, by a measure that needs no bounds of the paper."""
+    if not set(PAPER_KEYS) <= set(found):
+        return ""
+    own = {key: found[key].over_mean for key in PAPER_KEYS}
+    most = max(own, key=lambda key: own[key])
+    ranges = ", ".join(
+        f"{gene_name(key)} {number(100 * own[key], 2)} % (paper {number(100 * PAPER_RANGES[key], 2)} %)"
+        for key in PAPER_KEYS
+    )
+    return f"Relative to its mean, {gene_name(most)} spreads most: {ranges}."
 
 
 def importance(design: Design) -> str:
@@ -99,7 +125,10 @@ def importance(design: Design) -> str:
     found = [s for s in spreads(design) if math.isfinite(s.correlation)]
     if not found:
         return ""
-    parts = [f"{gene_name(s.key)} {number(s.correlation, 2)} (p = {number(s.correlation_chance, 2)})" for s in found]
+    parts = [
+        f"{gene_name(s.key)} {number(s.correlation, 2)} (p = {number(s.correlation_chance, 2)})"
+        for s in found
+    ]
     return f"Rank correlation of gene and cost over the random strings alone: {', '.join(parts)}."
 
 
@@ -159,8 +188,8 @@ def indistinct(design: Design) -> str:
         difference = costs[:n] - best[:n]
         alike += bool(np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0.0).pvalue > LEVEL)
     return (
-        f"{alike} of the top {len(design.top_samples)} cannot be told from the best by a paired t test at 5 %: "
-        "their order is chance."
+        f"{alike} of the top {len(design.top_samples)}, itself included, cannot be told from the best by a "
+        "paired t test at 5 %: their order is chance."
     )
 
 

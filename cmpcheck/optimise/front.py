@@ -69,7 +69,7 @@ def not_dominated(points: np.ndarray) -> np.ndarray:
     """
     as_good = (points[:, np.newaxis] <= points).all(axis=2)  # [i, j]: i is at least as good as j
     better = (points[:, np.newaxis] < points).any(axis=2)
-    return ~(as_good & better).any(axis=0)
+    return np.logical_not((as_good & better).any(axis=0))
 
 
 def front_table(problem: Problem, front: Front) -> pd.DataFrame:

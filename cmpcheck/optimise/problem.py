@@ -16,6 +16,7 @@ import numpy as np
 from reference.case import Case, CaseError
 from reference.case_optimise import Optimise
 from reference.ensemble import StoppingRule, sample_case
+from reference.toml_source import MISSING
 
 String = tuple[float, ...]  # one value for each gene, in SI
 PAPER_KEYS = ("pad.speed", "particles.count", "particles.mean_diameter", "particles.diameter_spread")
@@ -44,7 +45,7 @@ class Problem:
     def __post_init__(self) -> None:
         if self.case.optimise is None:
             allowed = "required by `cmpcheck optimise`, but missing; polish_design has one to start from"
-            raise self.case.error("optimise", None, allowed)
+            raise self.case.error("optimise", MISSING, allowed)
         if self.case.declared_variants:
             raise self.case.error(
                 "variant.0.name", self.case.declared_variants[0].name, "with [optimise], allowed: none"
@@ -134,7 +135,7 @@ def evaluate_sample(problem: Problem, string: String, k: int) -> Sample:
 
 
 def abrasive_mass(case: Case) -> float:
-    """Expected mass of the abrasives of a case, kg; over Section 4's diameters d^3 has the mean d̄^3 (1 + δ^2).
+    """Expected mass of the abrasives of a case, kg; with Section 4's diameters d^3 averages d̄^3 (1 + δ^2).
 
     >>> from reference import load_case
     >>> round(abrasive_mass(load_case("polish")) / (73 * 3950 * math.pi / 6 * 0.9e-6**3), 6)

@@ -119,7 +119,7 @@ class Store:
     def samples(self, number: int) -> dict[int, Sample]:
         """The samples of a string, by k."""
         rows = self._sql.execute("SELECT * FROM samples WHERE string = ?", (number,))
-        return {k: Sample(*map(_nan, values), error) for _, k, *values, error in rows}
+        return {k: Sample(_nan(c), _nan(f), _nan(r), _nan(m), _nan(s), e) for _, k, c, f, r, m, s, e in rows}
 
     def add_samples(self, finished: Sequence[tuple[int, int, Sample]]) -> None:
         """Keep finished samples, each with the number of its string and its k, for good."""

@@ -5,6 +5,7 @@ What is run, in which order, and what becomes of it is `evaluation.py`.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -112,14 +113,15 @@ class DaskCluster(Workers):
 
     attempts = 1  # the scheduler has tried it on four workers before it gives a sample up
 
-    def __init__(self, address: str, timeout: float = CONNECT_SECONDS) -> None:
+    def __init__(self, address: str, timeout: float | None = None) -> None:
         super().__init__()
+        timeout = CONNECT_SECONDS if timeout is None else timeout
         try:
             import distributed
         except ImportError:
             how = 'install it with: pip install "cmpcheck[cluster]"'
             raise WorkersError(f"--scheduler {address}: dask.distributed is not installed; {how}") from None
-        self._address = address
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is raised
         try:
             self._client = distributed.Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TypeError) as problem:
