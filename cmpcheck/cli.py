@@ -58,6 +58,7 @@ def compare(
     from rich.console import Console
 
     from cmpcheck import outputs
+    from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
     from cmpcheck.suite import comparable_cases, run_suite
     from cmpcheck.verdicts import headline
@@ -82,7 +83,7 @@ def compare(
                 decks,
                 lambda name, done, _: bars.update(tasks[name], completed=done),
             )
-        write_report(result, staging)
+        write_report(result, staging, designs_beside(out))
         outputs.publish_report(staging, out)
     except KeyboardInterrupt:
         complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import design_example as example
 import pytest
+import report_example
 from typer.testing import CliRunner
 
 from cmpcheck.cli import app
 from cmpcheck.optimise.evaluation import Evaluator
+from cmpcheck.optimise.links import designs_beside
 from cmpcheck.optimise.problem import evaluate_sample
 from cmpcheck.optimise.run import Plan, run_design
 from cmpcheck.optimise.store import Store
+from cmpcheck.page import render
 from cmpcheck.shell import progress_bars
 
 ROOT = Path(__file__).parents[1]
@@ -86,6 +89,17 @@ def test_methods_and_front_are_added_on_request_and_leave_the_table_as_it_was(tm
     assert {"methods.csv", "methods.svg", "front.csv", "front.svg"} <= {
         p.name for p in (tmp_path / "more").iterdir()
     }
+
+
+def test_the_report_links_the_designs_that_lie_beside_it(tmp_path):
+    assert designs_beside(tmp_path / "latest") == []
+    design(tmp_path / "optimise" / "mine & yours")
+    (tmp_path / "optimise" / "unfinished").mkdir()
+    links = designs_beside(tmp_path / "latest")
+    page = render(report_example.example(), links)
+    assert 'href="../optimise/mine%20%26%20yours/index.html">mine &amp; yours</a>' in page
+    assert "unfinished" not in page
+    assert "Designing the process" not in render(report_example.example())
 
 
 def test_a_design_of_which_nothing_can_be_run_says_so(tmp_path):

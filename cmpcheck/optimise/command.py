@@ -51,6 +51,7 @@ def optimise(
     The genetic algorithm of the paper over ensembles of samples, with its Table 1 and Figs. 7 and 8.  Every
     sample is kept as it finishes; --resume goes on to the same result.
     """
+    from cmpcheck.optimise.links import DESIGNS
     from cmpcheck.optimise.problem import Problem
     from cmpcheck.optimise.run import Plan, run_design, summary
     from cmpcheck.optimise.store import Store
@@ -64,7 +65,7 @@ def optimise(
         raise BadInput("--scheduler and --jobs: the cluster has workers of its own; allowed: one of them")
     if compare_methods or front:
         _require_pymoo("--compare-methods" if compare_methods else "--front")
-    folder = out or Path("reports/optimise") / problem.case.name
+    folder = out or Path("reports") / DESIGNS / problem.case.name
     go_on = f"to go on: cmpcheck optimise {case}{f' --out {out}' if out else ''} --resume"
     try:
         workers = _workers(scheduler, jobs)
