@@ -186,7 +186,9 @@ def indistinct(design: Design) -> str:
     for costs in design.top_samples[1:]:
         n = min(len(best), len(costs))
         difference = costs[:n] - best[:n]
-        alike += bool(np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0.0).pvalue > LEVEL)
+        alike += _chance(difference) > LEVEL
+    if alike == 1:
+        return f"A paired t test at 5 % tells the best from all others of the top {len(design.top_samples)}."
     return (
         f"{alike} of the top {len(design.top_samples)}, itself included, cannot be told from the best by a "
         "paired t test at 5 %: their order is chance."
@@ -208,9 +210,17 @@ def best_method(trials: Sequence[Trial]) -> str:
     lead = np.subtract(scores[second], scores[first])
     if seeds < 2:
         return f"Best with this one seed is: {first}. {text} One seed says nothing about chance."
-    sure = np.ptp(lead) == 0 or stats.ttest_1samp(lead, 0.0).pvalue <= LEVEL
-    verdict = "more than chance" if sure else f"no more than chance may do with {seeds} seeds"
+    verdict = (
+        "more than chance" if _chance(lead) <= LEVEL else f"no more than chance may do with {seeds} seeds"
+    )
     return f"Best is: {first}; its lead over {second}, {_plus_minus(lead)}, is {verdict}. {text}"
+
+
+def _chance(differences: np.ndarray) -> float:
+    """The p-value of a t test that paired differences are zero on average."""
+    if np.ptp(differences) <= 1e-12 * float(np.abs(differences).max()):  # equal but for rounding
+        return float(not differences.any())
+    return float(stats.ttest_1samp(differences, 0.0).pvalue)
 
 
 def _plus_minus(values: Sequence[float] | np.ndarray) -> str:

@@ -1,0 +1,76 @@
+"""How much faster is `cmpcheck optimise` on two processes than on one?
+
+`python -m benchmarks.optimise` runs the first two generations of `polish_design` on one and on two processes
+in turn, from the start of the processes to the last sample, and writes the ratio to `optimise.md` here.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+from cmpcheck.optimise.evaluation import Evaluator
+from cmpcheck.optimise.problem import Problem
+from cmpcheck.optimise.search import MAIN, search
+from cmpcheck.optimise.store import Store
+from cmpcheck.optimise.workers import LocalProcesses
+from reference.case import Case, load_case
+
+REPEATS, GENERATIONS = 3, 2
+OUTPUT = Path(__file__).with_name("optimise.md")
+
+
+def short_case() -> Case:
+    case = load_case("polish_design")
+    assert case.optimise is not None
+    return case.model_copy(update={"optimise": case.optimise.model_copy(update={"generations": GENERATIONS})})
+
+
+def seconds(jobs: int) -> tuple[float, list]:
+    """Wall-clock time of the search, and what it found."""
+    problem = Problem(short_case())
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder), problem.case, True)
+        begin = time.perf_counter()
+        with LocalProcesses(jobs) as workers:
+            search(problem, Evaluator(problem, store, workers))
+            taken = time.perf_counter() - begin
+        asked = store.asked(MAIN)
+        store.close()
+    return taken, asked
+
+
+def main() -> None:
+    times: dict[int, list[float]] = {1: [], 2: []}
+    results = []
+    for _ in range(REPEATS):
+        for jobs, list_of_times in times.items():
+            taken, asked = seconds(jobs)
+            list_of_times.append(taken)
+            results.append(asked)
+    assert all(asked == results[0] for asked in results), "the result depends on the number of processes"
+    ratio = min(times[1]) / min(times[2])
+    samples = sum(one.found.samples for one in results[0])
+    text = [
+        "# Two processes against one",
+        "",
+        f"The first {GENERATIONS} generations of `polish_design`, {samples} samples, the start of the "
+        f"processes included; shortest of {REPEATS} runs each, in turn. Written by",
+        "`python -m benchmarks.optimise`.",
+        "",
+        "| processes | time relative to two |",
+        "|---:|---:|",
+        f"| 1 | {ratio:.2f} |",
+        "| 2 | 1.00 |",
+        "",
+        "Both gave the same result to the last bit.",
+        "",
+    ]
+    OUTPUT.write_text("\n".join(text), "utf-8")
+    print(times)
+    print(OUTPUT.read_text("utf-8"))
+
+
+if __name__ == "__main__":
+    main()
