@@ -78,6 +78,11 @@ def deadly(problem: Problem, string: String, k: int) -> Sample:
     return quick(problem, string, k)
 
 
+def always_deadly(problem: Problem, string: String, k: int) -> Sample:
+    """No worker survives."""
+    os._exit(3)
+
+
 class Threads(Workers):
     """Workers that start at once, for samples that cost nothing."""
 

@@ -13,7 +13,7 @@ from cmpcheck.optimise.evaluation import Evaluator
 from cmpcheck.optimise.problem import evaluate_sample
 from cmpcheck.optimise.search import MAIN, new_algorithm, search
 from cmpcheck.optimise.store import FILE, Store
-from cmpcheck.optimise.workers import LocalProcesses
+from cmpcheck.optimise.workers import LocalProcesses, WorkersError
 from cmpcheck.outputs import OutputError
 from reference.ensemble import adaptive_mean
 
@@ -71,18 +71,24 @@ class Stop(Exception):
 
 @pytest.mark.parametrize("after", [1, 5, 37, 60, 95])
 def test_an_interrupted_run_goes_on_to_the_same_result_and_computes_nothing_twice(tmp_path, after):
-    straight_count, resumed_count = [], []
-    straight = run(tmp_path / "straight", on_sample=straight_count.append)[1]
+    whole: list = []
+    straight = run(tmp_path / "straight", on_sample=whole.append)[1]
+    seen: list = []
 
     def stop(sample) -> None:
-        resumed_count.append(sample)
-        if len(resumed_count) == after:
+        seen.append(sample)
+        if len(seen) == after:
             raise Stop
 
     with pytest.raises(Stop):
         run(tmp_path / "stopped", on_sample=stop)
-    assert run(tmp_path / "stopped", resume=True, on_sample=resumed_count.append)[1] == straight
-    assert len(resumed_count) == len(straight_count)
+    store = Store.resume(tmp_path / "stopped", example.design_case())
+    kept, _ = store.totals()
+    store.close()
+    rest: list = []
+    assert run(tmp_path / "stopped", resume=True, on_sample=rest.append)[1] == straight
+    assert kept >= after
+    assert kept + len(rest) == len(whole)
     again: list = []
     assert run(tmp_path / "stopped", resume=True, on_sample=again.append)[1] == straight
     assert not again
@@ -155,6 +161,15 @@ def test_a_sample_that_kills_every_worker_costs_infinity_and_takes_no_other_with
             assert ask == alive
 
 
+@pytest.mark.slow
+def test_workers_that_all_die_at_once_end_the_run_and_condemn_no_string(tmp_path):
+    with pytest.raises(WorkersError, match="die before they have run anything"):
+        run(tmp_path, example.always_deadly, LocalProcesses(2))
+    store = Store.resume(tmp_path, example.design_case())
+    assert store.totals()[0] == 0
+    store.close()
+
+
 def refusal(call) -> str:
     with pytest.raises(OutputError) as caught:
         call()
@@ -168,8 +183,12 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
     assert "holds no optimisation to go on with" in refusal(lambda: Store.resume(tmp_path, case))
     (tmp_path / "mine.txt").write_text("mine")
     assert "exists already" in refusal(lambda: Store.create(tmp_path, case, False))
+    (tmp_path / "mine.csv").write_text("mine")
+    for name in ("figure_7.svg", "methods.csv", "index.html"):
+        (tmp_path / name).write_text("of an earlier run")
+    (tmp_path / FILE).write_bytes(b"")
     Store.create(tmp_path, case, True).close()
-    assert (tmp_path / "mine.txt").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.txt", "mine.csv", "case.toml", FILE}
     assert "--resume to go on" in refusal(lambda: Store.create(tmp_path, case, False))
 
 

@@ -91,6 +91,18 @@ def test_methods_and_front_are_added_on_request_and_leave_the_table_as_it_was(tm
     }
 
 
+def test_what_was_asked_for_beside_the_search_is_asked_for_again_when_it_goes_on(tmp_path):
+    case = example.design_case()
+    store = Store.create(tmp_path, case, False)
+    assert Plan.kept(store, 0, "") == Plan()
+    Plan.kept(store, 2, "")
+    store.close()
+    store = Store.resume(tmp_path, case)
+    assert Plan.kept(store, 0, "abrasive_mass") == Plan(2, "abrasive_mass")
+    assert Plan.kept(store, 3, "") == Plan(3, "abrasive_mass")
+    store.close()
+
+
 def test_the_report_links_the_designs_that_lie_beside_it(tmp_path):
     assert designs_beside(tmp_path / "latest") == []
     design(tmp_path / "optimise" / "mine & yours")

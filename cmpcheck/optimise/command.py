@@ -73,8 +73,8 @@ def optimise(
         raise BadInput(str(problem_met)) from None
     with workers:
         store = Store.resume(folder, problem.case) if resume else Store.create(folder, problem.case, force)
-        plan = Plan(seeds if compare_methods else 0, front.value if front else "")
         try:
+            plan = Plan.kept(store, seeds if compare_methods else 0, front.value if front else "")
             with progress_bars() as bars:
                 design = run_design(problem, store, workers, plan, bars)
         except KeyboardInterrupt:

@@ -101,6 +101,7 @@ class Evaluator:
         self._workers, self._on_sample, self._evaluate = workers, on_sample, evaluate
         self._suspects: list[tuple[Ensemble, int]] = []  # in flight when a worker died
         self._deaths: dict[tuple[int, int], int] = {}
+        self._alive = False  # whether any sample has come back
 
     def costs(
         self,
@@ -202,6 +203,7 @@ class Evaluator:
                 lost.append((ensemble, k))
             else:
                 kept.append((ensemble, k, _result(future)))
+                self._alive = True
         self._keep(kept)
         if lost:
             self._workers.restart()
@@ -212,6 +214,8 @@ class Evaluator:
         for ensemble, k in lost:
             key = (ensemble.number, k)
             self._deaths[key] = self._deaths.get(key, 0) + (len(lost) == 1)
+            if self._deaths[key] >= self._workers.attempts and not self._alive:
+                raise WorkersError("the workers die before they have run anything")
             if self._deaths[key] >= self._workers.attempts:
                 nan, reason = math.nan, f"sample {k} took its worker with it {self._workers.attempts} times"
                 self._keep([(ensemble, k, Sample(nan, nan, nan, nan, nan, reason))])

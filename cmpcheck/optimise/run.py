@@ -35,6 +35,14 @@ class Plan:
     seeds: int = 0  # of the comparison of methods; 0 for none
     front: str = ""  # the second objective
 
+    @classmethod
+    def kept(cls, store: Store, seeds: int, front: str) -> Plan:
+        """What is asked for now, or else was asked for when the run was started."""
+        found = cls(seeds or int(store.recall("seeds") or 0), front or store.recall("front"))
+        store.remember("seeds", str(found.seeds))
+        store.remember("front", found.front)
+        return found
+
 
 class Watch:
     """What a person sees while samples run: a bar on a terminal, a line for each stage elsewhere."""

@@ -20,6 +20,9 @@ from cmpcheck.provenance import digest
 from reference.case import Case, CaseError, load_case
 
 FILE, CASE_FILE, SCHEMA = "optimise.sqlite", "case.toml", "cmpcheck-optimise/1"
+OWN_FILES = (
+    f"{FILE}*", "index.html", "table.*", "strings.csv", "methods.*", "front.*", "figure_[78].*",
+)  # fmt: skip
 TABLES = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE strings (number INTEGER PRIMARY KEY, genes TEXT NOT NULL UNIQUE, cost REAL,
@@ -75,8 +78,9 @@ class Store:
         if (folder / FILE).exists():
             with _connected(folder):  # refused while another process writes there
                 pass
-            for name in (FILE, f"{FILE}-wal"):
-                (folder / name).unlink(missing_ok=True)
+            for pattern in OWN_FILES:
+                for path in folder.glob(pattern):
+                    path.unlink()
         case.save(folder / CASE_FILE)
         with _connected(folder, keep=True) as sql:
             sql.executescript(TABLES)
@@ -107,6 +111,16 @@ class Store:
     def close(self) -> None:
         """Let go of the file."""
         self._sql.close()
+
+    def recall(self, key: str) -> str:
+        """What was asked of the run by an option; "" if nothing."""
+        row = self._sql.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
+        return row[0] if row else ""
+
+    def remember(self, key: str, value: str) -> None:
+        """Keep what is asked of the run, so that it goes on with it when it is resumed."""
+        with self._sql:
+            self._sql.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, value))
 
     def number_of(self, string: String) -> int:
         """The number of a string, entered if it is new."""

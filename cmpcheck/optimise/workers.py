@@ -72,6 +72,7 @@ class LocalProcesses(Workers):
     def __init__(self, jobs: int) -> None:
         super().__init__()
         self._jobs = jobs
+        self._others: list[Any] = []  # processes that are not ours
 
     def size(self) -> int:
         """The number of processes."""
@@ -84,10 +85,12 @@ class LocalProcesses(Workers):
         executor, self._executor = self._executor, None
         executor.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
-            process.terminate()
+            if process not in self._others:
+                process.terminate()
         executor.shutdown(wait=True)
 
     def _start(self) -> Executor:
+        self._others = multiprocessing.active_children()
         context = multiprocessing.get_context("spawn")  # compiled code does not survive a fork
         return ProcessPoolExecutor(self._jobs, context, initializer=_attend_parent)
 
