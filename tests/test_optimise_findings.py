@@ -10,6 +10,7 @@ import pytest
 
 from cmpcheck.optimise import figures, findings, page
 from cmpcheck.optimise.methods import METHODS, Trial
+from cmpcheck.optimise.response import shares
 from cmpcheck.optimise.results import Design, Distribution, markdown_table, table
 from cmpcheck.optimise.store import Asked, Evaluated
 
@@ -55,6 +56,21 @@ def test_genes_that_range_little_cluster_and_others_spread():
     assert "V_pad over 90 %" in text
     text = findings.conclusion(design((0.9, 0.9, 0.9, 0.1)))
     assert "Ours does not: V_pad spreads, N spreads, d̄ spreads and δd clusters." in text
+
+
+def test_a_gene_that_matters_explains_and_one_that_does_not_does_no_more_than_chance():
+    """The cost is a bowl in two genes, far from monotone; the third does nothing."""
+    rng = np.random.default_rng(4)
+    chances = []
+    for _ in range(200):
+        points = rng.uniform(-1.0, 1.0, (60, 3))
+        costs = np.exp(points[:, 0] ** 2 + (points[:, 1] - points[:, 0]) ** 2 + rng.normal(0.0, 0.2, 60))
+        first, second, third = shares(points, costs)
+        assert max(first.chance, second.chance) < 1e-3
+        assert third.explained < min(first.explained, second.explained)
+        chances.append(third.chance)
+    assert abs((np.array(chances) < 0.05).mean() - 0.05) < 5 * math.sqrt(0.05 * 0.95 / 200)
+    assert all(math.isnan(share.chance) for share in shares(points[:12], costs[:12]))
 
 
 def test_the_stopping_rule_is_too_early_where_the_standard_error_exceeds_the_tolerance():

@@ -16,6 +16,7 @@ from scipy import stats
 from cmpcheck.display import number
 from cmpcheck.optimise.methods import Trial
 from cmpcheck.optimise.problem import PAPER_KEYS
+from cmpcheck.optimise.response import Share, shares
 from cmpcheck.optimise.results import TOP, Design, gene_name, gene_text
 
 LEVEL = 0.05
@@ -37,8 +38,7 @@ class Spread:
     relative: float  # (most - least)/(high - low)
     over_mean: float  # (most - least)/mean, which needs no bounds
     chance: float  # that as many uniform numbers spread as little or less
-    correlation: float  # Spearman's, of gene and cost among random strings
-    correlation_chance: float
+    share: Share  # of what the costs of random strings vary by
 
     @property
     def clusters(self) -> bool:
@@ -49,23 +49,24 @@ class Spread:
 def spreads(design: Design) -> list[Spread]:
     """The spread of each gene among the top ten."""
     top = [one.string for one in design.ranked[:TOP] if math.isfinite(one.cost)]
-    random = {a.found.string: a.found.cost for a in design.asked if a.origin == "random"}
-    finite = [(string, cost) for string, cost in random.items() if math.isfinite(cost)]
     found = []
-    for k, gene in enumerate(design.problem.settings.gene):
-        values = [string[k] for string in top]
-        relative = (max(values) - min(values)) / (gene.high - gene.low) if values else math.nan
-        drawn = [string[k] for string, _ in finite]
-        rank = (math.nan, math.nan)
-        if len(set(drawn)) > 2:
-            rank = stats.spearmanr(drawn, [cost for _, cost in finite])
-        over_mean = (max(values) - min(values)) / float(np.mean(values)) if values else math.nan
-        chance = range_chance(relative, len(values))
-        ends = (min(values, default=math.nan), max(values, default=math.nan))
-        found.append(
-            Spread(gene.key, gene.low, gene.high, *ends, relative, over_mean, chance, *map(float, rank))
-        )
+    for k, (gene, share) in enumerate(zip(design.problem.settings.gene, _shares(design), strict=True)):
+        values = np.array([string[k] for string in top])
+        least, most, mean = (float(f(values)) if top else math.nan for f in (np.min, np.max, np.mean))
+        relative = (most - least) / (gene.high - gene.low)
+        over_mean = (most - least) / mean if mean else math.nan
+        chance = range_chance(relative, len(top))
+        found.append(Spread(gene.key, gene.low, gene.high, least, most, relative, over_mean, chance, share))
     return found
+
+
+def _shares(design: Design) -> list[Share]:
+    """What each gene explains of the costs of the random strings."""
+    random = {a.found.string: a.found.cost for a in design.asked if a.origin == "random"}
+    finite = {string: cost for string, cost in random.items() if math.isfinite(cost)}
+    low, high = design.problem.bounds.T
+    points = 2.0 * (np.array(list(finite)).reshape(len(finite), len(low)) - low) / (high - low) - 1.0
+    return shares(points, np.array(list(finite.values())))
 
 
 def range_chance(relative: float, n: int) -> float:
@@ -121,15 +122,20 @@ def _widest(found: dict[str, Spread]) -> str:
 
 
 def importance(design: Design) -> str:
-    """What the random strings say about each gene, which no parents bias."""
-    found = [s for s in spreads(design) if math.isfinite(s.correlation)]
+    """Which genes matter among the random strings, which no parents bias."""
+    found = [spread for spread in spreads(design) if math.isfinite(spread.share.chance)]
     if not found:
-        return ""
+        return "There are too few random strings to tell which genes matter among them."
     parts = [
-        f"{gene_name(s.key)} {number(s.correlation, 2)} (p = {number(s.correlation_chance, 2)})"
+        f"{gene_name(s.key)} {number(100 * s.share.explained, 2)} % (p = {number(s.share.chance, 1)})"
         for s in found
     ]
-    return f"Rank correlation of gene and cost over the random strings alone: {', '.join(parts)}."
+    least = min(found, key=lambda s: s.share.explained)
+    return (
+        "Which genes matter is better told by the random strings, which have no parents. A second-order "
+        "polynomial in all genes, fitted to the ranks of their costs, explains this part of what it leaves "
+        f"unexplained without the gene: {', '.join(parts)}. {gene_name(least.key)} matters least."
+    )
 
 
 def bound_remark(design: Design) -> str:

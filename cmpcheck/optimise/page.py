@@ -115,7 +115,7 @@ def _spread_row(spread: findings.Spread) -> list[str]:
         _over_mean(spread),
         "clusters" if spread.clusters else "spreads",
         {True: "clusters", False: "spreads", None: ""}[said],
-        f"{number(spread.correlation, 2)} (p = {number(spread.correlation_chance, 2)})",
+        f"{number(100 * spread.share.explained, 2)} % (p = {number(spread.share.chance, 1)})",
     ]
 
 

@@ -50,13 +50,13 @@ class Watch:
     def __init__(self, problem: Problem, store: Store, bars: Progress) -> None:
         self._problem, self._store, self._bars = problem, store, bars
         self._task: TaskID | None = None
-        self._samples, self._least = 0, ""
+        self._samples, self._stage = 0, ""
 
     def stage(self, text: str, samples: float, done: int = 0) -> None:
         """A stage begins, which takes about so many samples, of which some are there."""
         if self._task is not None:
             self._bars.remove_task(self._task)
-        self._least, self._samples = text, done
+        self._stage, self._samples = text, done
         self._task = self._bars.add_task(self._text(), total=max(samples, 1), completed=done)
         if self._bars.disable:
             typer.echo(f"cmpcheck: {self._text()}", err=True)
@@ -78,7 +78,7 @@ class Watch:
             self._bars.update(self._task, completed=self._samples, description=self._text())
 
     def _text(self) -> str:
-        return f"{self._least}, {self._samples} samples"
+        return f"{self._stage}, {self._samples} samples"
 
 
 def run_design(
@@ -141,7 +141,8 @@ def summary(design: Design) -> list[str]:
 
     lines = [page.headline(design)]
     if math.isfinite(design.ranked[0].cost):
-        lines += [findings.conclusion(design), findings.stopping(design), findings.best_method(design.trials)]
+        lines += [findings.conclusion(design), findings.importance(design), findings.stopping(design)]
+        lines += [findings.selection(design), findings.best_method(design.trials)]
     lines.append(
         f"{design.samples} samples, {duration(design.seconds)} of computing on all workers together."
     )
