@@ -169,7 +169,8 @@ def _history(design: Design) -> Drawing:
 
 def _methods(design: Design) -> Drawing:
     def draw(axes: Axes, colours: Colours) -> None:
-        for place, method in enumerate(METHODS):
+        present = [name for name in METHODS if name in {trial.method for trial in design.trials}]
+        for place, method in enumerate(present):
             own = [trial for trial in design.trials if trial.method == method]
             end = min(trial.used[-1] for trial in own)
             used = np.unique(np.concatenate([trial.used for trial in own]))

@@ -180,6 +180,8 @@ def compare_methods(
 ) -> list[Trial]:
     """Every method with each of the seeds 0, 1, ..., and the best string of each on fresh samples.
 
+    A trial that meets no string that can be run is left out.
+
     Parameters: budget, samples for each method and seed; `on_trial` is called before each.
     """
     trials = []
@@ -190,6 +192,8 @@ def compare_methods(
             with contextlib.suppress(BudgetSpent), warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of methods that meet equal or huge costs
                 method(task, seed)
+            if not task.string:  # it met none that can be run
+                continue
             part = problem.settings
             (fresh,) = evaluator.samples([task.string], part.distribution_samples, part.maximum_samples)
             costs = np.array([sample.cost for sample in fresh])

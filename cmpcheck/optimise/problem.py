@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from reference.case import Case, CaseError
-from reference.case_optimise import Optimise
+from reference.case_optimise import Optimise, value_of
 from reference.ensemble import StoppingRule, sample_case
 from reference.toml_source import MISSING
 
@@ -98,8 +98,6 @@ class Problem:
 
     def as_it_stands(self) -> String:
         """The string of the case's own values, which may lie outside the bounds."""
-        from reference.case_optimise import value_of
-
         values = [value_of(self.case, key) for key in self.keys]
         low = self.bounds[:, 0]
         return tuple(float(a if value is None else value) for value, a in zip(values, low, strict=True))
@@ -150,8 +148,6 @@ def abrasive_mass(case: Case) -> float:
 
 def paper_columns(problem: Problem, string: Sequence[float]) -> dict[str, Any]:
     """The four columns of the paper's Table 1, and then the other genes under their keys."""
-    from reference.case_optimise import value_of
-
     genes = dict(zip(problem.keys, string, strict=True))
     names = dict(zip(PAPER_KEYS, ("V_pad", "N", "mean_diameter", "diameter_spread"), strict=True))
     columns: dict[str, Any] = {}
