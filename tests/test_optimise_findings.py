@@ -130,9 +130,9 @@ def test_the_skew_of_fig_7_stands_in_its_caption():
 def test_a_best_string_at_a_bound_is_remarked():
     found = design((0.1,) * 4)
     assert findings.bound_remark(found) == ""
-    at_bound = Asked(1, "random", Evaluated((5.0, 20.0, 8e-7, 0.25), 0.01, 0.01, 16, True))
+    at_bound = Asked(1, "random", Evaluated((2.0, 20.0, 8e-7, 0.25), 0.01, 0.01, 16, True))
     moved = Design(found.problem, [*found.asked, at_bound], [], [], 1, 1.0)
-    assert "at the upper bound of V_pad, 5 m/s: a better one may lie beyond" in findings.bound_remark(moved)
+    assert "at the upper bound of V_pad, 2 m/s: a better one may lie beyond" in findings.bound_remark(moved)
 
 
 def test_history_is_the_least_cost_up_to_each_generation():
