@@ -17,7 +17,7 @@ from cmpcheck.optimise.store import Store
 from cmpcheck.optimise.workers import LocalProcesses
 from reference.case import Case, load_case
 
-REPEATS, GENERATIONS = 3, 4
+REPEATS, GENERATIONS = 2, 4
 OUTPUT = Path(__file__).with_name("optimise.md")
 
 
@@ -67,7 +67,7 @@ def main() -> None:
         f"| 2 | {one / two:.2f} | {100 * busy_two:.0f} % |",
         "",
         "Time in samples is the share of the time in which a process ran a sample; the rest is start,",
-        "writing and waiting for the last samples of a generation. Both gave the same result to the last bit.",
+        "writing and waiting for the last samples of a generation. Both gave the same result to the bit.",
         "",
     ]
     OUTPUT.write_text("\n".join(text), "utf-8")
