@@ -67,7 +67,7 @@ def main() -> None:
         f"| 2 | {one / two:.2f} | {100 * busy_two:.0f} % | {2 * busy_two / busy_one:.2f} |",
         "",
         "Time in samples is the share of the time in which a process ran a sample; the rest is start,",
-        "writing and waiting for the last samples of a generation. The last column follows from it, and holds",
+        "writing and waiting for the last samples of a generation. The last column follows from it; it holds",
         "where other programs take part of the cores. Both gave the same result to the bit.",
         "",
     ]
