@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+import cmpcheck.optimise.command  # noqa: F401  (it registers itself)
 from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 
@@ -64,6 +65,7 @@ def compare(
     from rich.console import Console
 
     from cmpcheck import outputs
+    from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
     from cmpcheck.suite import comparable_cases, run_suite
     from cmpcheck.verdicts import headline
@@ -92,7 +94,7 @@ def compare(
                 studies,
                 RUNS,
             )
-        write_report(result, staging)
+        write_report(result, staging, designs_beside(out))
         outputs.publish_report(staging, out)
     except KeyboardInterrupt:
         complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)

@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
+from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.study_page import printed_studies
 from cmpcheck.verdicts import KNOWN, REFERENCE
@@ -110,8 +111,8 @@ def tally_text(rows: Iterable[Comparison]) -> str:
     return ", ".join(f"{n} {verdicts.WORDS[status]}" for status, n in verdicts.count(rows).items())
 
 
-def render(result: SuiteResult) -> str:
-    """The whole page as one self-contained HTML document."""
+def render(result: SuiteResult, designs: Sequence[DesignLink] = ()) -> str:
+    """The whole page as one self-contained HTML document, with links to design runs beside it."""
     environment = Environment(
         loader=PackageLoader("cmpcheck"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=lambda value: value if isinstance(value, Markup) else printable(value),
@@ -134,6 +135,7 @@ def render(result: SuiteResult) -> str:
         statistics=parts["3"],
         studies=printed_studies(result),
         anchors=anchors,
+        designs=designs,
         provenance=list(_flat(result.provenance)),
         symbols=verdicts.SYMBOLS,
         status_words=verdicts.WORDS,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import numbers
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from rich.text import Text
 
 from cmpcheck import verdicts
 from cmpcheck.display import printable, quantity_text, ratio_text
+from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import STATUSES, Comparison, EngineInfo, SuiteResult
 from cmpcheck.verdicts import exit_code, verdict
 
@@ -35,8 +36,11 @@ _COLOURS = {
 __all__ = ["SCHEMA", "exit_code", "junit", "report_json", "summary_table", "verdict", "write_report"]
 
 
-def write_report(result: SuiteResult, folder: Path) -> None:
-    """Write the four files into `folder`, which is created if need be; equal results give equal bytes."""
+def write_report(result: SuiteResult, folder: Path, designs: Sequence[DesignLink] = ()) -> None:
+    """Write the four files into `folder`, which is created if need be; equal results give equal bytes.
+
+    The page links the `designs`.
+    """
     from cmpcheck import markdown, page
 
     folder = Path(folder)
@@ -44,7 +48,7 @@ def write_report(result: SuiteResult, folder: Path) -> None:
         "report.json": report_json(result),
         "junit.xml": junit(result),
         "report.md": markdown.render(result),
-        "index.html": page.render(result),
+        "index.html": page.render(result, designs),
     }
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():

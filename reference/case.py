@@ -16,6 +16,7 @@ from typing import Any
 import tomli_w
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from reference.case_optimise import Optimise, resolve
 from reference.case_rules import check
 from reference.case_sections import (
     Contact,
@@ -57,7 +58,7 @@ class Case(Section):
     pad: Pad | None = None
     numerics: Numerics = Numerics()
     cost: Cost = Cost()
-    optimise: dict[str, Any] = Field(default_factory=dict)
+    optimise: Optimise | None = None
     engine: dict[str, dict[str, Any]] = Field(default_factory=dict)
     declared_variants: tuple[Variant, ...] = Field((), alias="variant")
     _source: TomlSource = PrivateAttr(default_factory=lambda: TomlSource(None))
@@ -65,7 +66,7 @@ class Case(Section):
     @model_validator(mode="after")
     def _obey_rules(self) -> Case:
         check(self)
-        return self
+        return resolve(self)
 
     def __eq__(self, other: object) -> bool:
         """Same physics and settings, wherever the files lie."""
@@ -98,6 +99,19 @@ class Case(Section):
         entry = self.declared_variants[k]
         raw = _merge(_merge(base, entry.overrides), {"case": {"variant": entry.name}})
         return _validated(raw, self._source, variant=k)
+
+    def replaced(self, values: Mapping[str, object]) -> Case:
+        """The case with other values of keys such as `pad.speed`, without variants and [optimise].
+
+        Raises CaseError, naming key, value and what is allowed, if that makes no valid case.
+        """
+        raw = self.model_dump(by_alias=True, exclude_unset=True, exclude={"declared_variants", "optimise"})
+        for key, value in values.items():
+            nested = value
+            for part in reversed(key.split(".")):
+                nested = {part: nested}
+            raw = _merge(raw, nested)  # type: ignore[arg-type]
+        return _validated(raw, TomlSource(None))
 
     def quantity(self, value: object, unit: str, key: str) -> float:
         """SI value of an entry that only an engine understands, such as `engine.lammps.contact_duration`.

@@ -7,8 +7,9 @@ Statistics on finished samples are no part of the model: `cmpcheck/statistics`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
 from statistics import fmean, stdev
 from typing import NamedTuple, TypeVar
@@ -84,32 +85,60 @@ class AdaptiveMean(NamedTuple):
         return self.settled(tolerance) and self.standard_error > tolerance
 
 
-def adaptive_mean(
-    sample: Callable[[int], float], minimum: int = 15, tolerance: float = 0.01, maximum: int = 200
-) -> AdaptiveMean:
-    """The mean of sample(0), sample(1), ..., until two consecutive means differ by `tolerance` or less.
+@dataclass(frozen=True)
+class StoppingRule:
+    """How many samples are enough: until two consecutive means differ by `tolerance` or less.
 
     Paper: Section 4.1.  The rule is applied from the sample number `minimum` on: at n = minimum, the mean of
     n samples is held against that of n - 1.
 
-    Parameters: sample, the observable of sample k; tolerance, absolute, in its unit; maximum, at which it
-    ends whatever the difference is.
+    Parameters: tolerance, absolute, in the unit of the samples; maximum, at which it ends whatever the
+    difference is.
+    Raises ValueError unless 2 <= minimum <= maximum and 0 <= tolerance.
+    """
+
+    minimum: int = 15
+    tolerance: float = 0.01
+    maximum: int = 200
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.minimum <= self.maximum:
+            raise ValueError(
+                f"minimum {self.minimum}, maximum {self.maximum}; allowed: 2 <= minimum <= maximum"
+            )
+        if not self.tolerance >= 0:
+            raise ValueError(f"tolerance {self.tolerance}; allowed: 0 or more")
+
+    def enough(self, values: Sequence[float]) -> bool:
+        """Whether the ensemble may end with the samples 0 to n - 1, whose values these are."""
+        if len(values) < self.minimum:
+            return False
+        return len(values) >= self.maximum or abs(fmean(values) - fmean(values[:-1])) <= self.tolerance
+
+
+def ensemble_mean(values: Sequence[float]) -> AdaptiveMean:
+    """Mean and standard error s/sqrt(n) of n >= 2 samples."""
+    return AdaptiveMean(fmean(values), stdev(values) / math.sqrt(len(values)), np.array(values))
+
+
+def adaptive_mean(
+    sample: Callable[[int], float], minimum: int = 15, tolerance: float = 0.01, maximum: int = 200
+) -> AdaptiveMean:
+    """The mean of sample(0), sample(1), ..., of as many as `StoppingRule` asks for.
+
+    Paper: Section 4.1.
+    Parameters: sample, the observable of sample k; the others are those of `StoppingRule`.
     Returns: mean, standard error s/sqrt(n), values.
-    Raises ValueError if a sample is not finite, or unless 2 <= minimum <= maximum and 0 <= tolerance.
+    Raises ValueError if a sample is not finite, and as `StoppingRule` does.
 
     >>> mean, standard_error, values = adaptive_mean(lambda k: k % 2, tolerance=0.04)
     >>> mean, len(values)  # 7/15 after 15 samples; one before, 7/14
     (0.4666666666666667, 15)
     """
-    if not 2 <= minimum <= maximum:
-        raise ValueError(f"minimum {minimum}, maximum {maximum}; allowed: 2 <= minimum <= maximum")
-    if not tolerance >= 0:
-        raise ValueError(f"tolerance {tolerance}; allowed: 0 or more")
+    rule = StoppingRule(minimum, tolerance, maximum)
     values: list[float] = []
-    for k in range(maximum):
-        values.append(float(sample(k)))
+    while not rule.enough(values):
+        values.append(float(sample(len(values))))
         if not math.isfinite(values[-1]):
-            raise ValueError(f"sample {k} is {values[-1]}; allowed: finite values")
-        if len(values) >= minimum and abs(fmean(values) - fmean(values[:-1])) <= tolerance:
-            break
-    return AdaptiveMean(fmean(values), stdev(values) / math.sqrt(len(values)), np.array(values))
+            raise ValueError(f"sample {len(values) - 1} is {values[-1]}; allowed: finite values")
+    return ensemble_mean(values)
