@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from cmpcheck.engines.protocol import Engine, Resolution
-from cmpcheck.observables import FLATNESS_MARGIN, RELATIVE_MARGIN
+from cmpcheck.observables import margins
 from cmpcheck.results import Comparison, Convergence
 from cmpcheck.statistics import Equivalence, control_family, paired_difference, relative_differences
 from cmpcheck.study import contact_settings
@@ -206,15 +206,10 @@ def _orders(ensemble: SoftEnsemble) -> list[float | None]:
 
 def _margin(ensemble: SoftEnsemble, k: int) -> float:
     """The margin in parts of the reference's mean, fixed in the case; that of Pi is one of 1 - Pi too."""
-    table, name = ensemble.case.engine[ensemble.engine], ensemble.engine
-    if OBSERVABLES[k].quantity == "flattening":
-        absolute = ensemble.case.quantity(
-            table.get("margin_flatness", FLATNESS_MARGIN), "", f"engine.{name}.margin_flatness"
-        )
-        return absolute / float(ensemble.reference[:, k].mean())
-    return ensemble.case.quantity(
-        table.get("margin_relative", RELATIVE_MARGIN), "", f"engine.{name}.margin_relative"
-    )
+    limits, quantity = margins(ensemble.case, ensemble.engine), OBSERVABLES[k].quantity
+    if quantity == "flattening":
+        return limits["flatness"] / float(ensemble.reference[:, k].mean())
+    return limits[quantity]
 
 
 def _rows(

@@ -19,7 +19,6 @@ from cmpcheck.display import uncertain
 from cmpcheck.results import Estimate
 from reference import simulate
 from reference.case import Case
-from reference.case_sections import Variant
 from reference.ensemble import run_samples
 from reference.process import build_setup, pressed_speed
 
@@ -33,9 +32,7 @@ def changed(case: Case, /, **sections: Mapping[str, Any]) -> Case:
 
     Raises CaseError where the result is not a valid case.
     """
-    variant = Variant(name="changed", overrides=dict(sections))
-    (found,) = case.model_copy(update={"declared_variants": (variant,)}).variants()
-    return found
+    return case.replaced(sections)
 
 
 def held(case: Case, pad_height: float, /, **sections: Mapping[str, Any]) -> Case:
