@@ -7,7 +7,7 @@ from pathlib import Path
 from cmpcheck.engines.protocol import Engine
 from cmpcheck.engines.reference import ReferenceEngine
 
-ENGINES = ("reference", "lammps")
+ENGINES = ("reference", "lammps", "liggghts")
 
 
 def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
@@ -21,4 +21,8 @@ def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
         from cmpcheck.engines.lammps import LammpsEngine
 
         return LammpsEngine(decks or {})
+    if name == "liggghts":
+        from cmpcheck.engines.liggghts import LiggghtsEngine
+
+        return LiggghtsEngine(decks or {})
     raise ValueError(f"unknown engine {name!r}; allowed: {', '.join(ENGINES)}")

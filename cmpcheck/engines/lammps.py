@@ -10,21 +10,19 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
 from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
+from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
 from cmpcheck.results import EngineInfo
-from reference.heightfield import Heightfield
-from reference.recording import Run, basic_provenance, history_row
+from reference.recording import Run
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
@@ -67,12 +65,12 @@ class LammpsEngine:
             try:
                 return _simulate(lmp, deck, setup, resolution, stride, time_step)
             except EngineError as error:
-                raise EngineError(f"{_label(setup)}: {error}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {error}{_last_lines(log)}") from error
             except Exception as error:  # the lammps package raises Exception itself
                 if type(error) is not Exception:
                     raise
                 message = f"{deck.path}: {error_message(error)}"
-                raise EngineError(f"{_label(setup)}: {message}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {message}{_last_lines(log)}") from error
             finally:
                 lmp.close()
 
@@ -121,7 +119,7 @@ def _simulate(
         max_samples=len(setup.output_times),
         ledger_speed=setup.case.numerics.ledger_speed,
         observe_pairs=setup.model.has_pairs and len(setup.state.mass) > setup.copies,
-        case=_label(setup),
+        case=label(setup),
     )
     fix.attach()
     lmp.command(f"timestep {time_step / MICRO!r}")
@@ -132,66 +130,16 @@ def _simulate(
         fix.check()
         surfaces.append(fix.heights.copy())
         pad_heights.append(fix.pad_height)
-    run = _recorded(setup, resolution, fix, surfaces, pad_heights, time_step)
+    seen = Observed(*fix.trajectory(), fix.contacts(), surfaces, pad_heights)
+    try:
+        run = observed_run(setup, resolution, seen, time_step, "lammps", version())
+    except ValueError as error:
+        raise EngineError(str(error)) from None
     if native and setup.model.has_surface:
         lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
         if lowest.min() < setup.state.heights.max():
             raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
     return run
-
-
-def _recorded(
-    setup: Setup,
-    resolution: Resolution,
-    fix: SlurryFix,
-    surfaces: list[np.ndarray],
-    pad_heights: list[float],
-    time_step: float,
-) -> Run:
-    """What the fix has seen, as a run."""
-    times, positions, velocities, masses = fix.trajectory()
-    if len(times) != len(setup.output_times):
-        raise EngineError(f"{len(times)} of {len(setup.output_times)} outputs were recorded")
-    contacts, state, cost = fix.contacts(), setup.state, setup.case.cost
-    removed = contacts[["time", "removed_volume", "removed_mass"]]
-    history = []
-    for k, time in enumerate(setup.output_times):
-        so_far = removed[removed["time"] <= time].sum()
-        now = replace(
-            state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k],
-            pad_height=pad_heights[k],
-        )  # fmt: skip
-        volume, mass = float(so_far["removed_volume"]), float(so_far["removed_mass"])
-        history.append(history_row(time, now, state.heights, volume, mass, cost))
-    spacing, has_surface = setup.model.spacing, setup.model.has_surface
-    return Run(
-        case=setup.case,
-        times=setup.output_times.copy(),
-        positions=positions,
-        velocities=velocities,
-        masses=masses,
-        contacts=contacts,
-        history=pd.DataFrame(history),
-        surface_initial=Heightfield(surfaces[0], spacing) if has_surface else None,
-        surface=Heightfield(surfaces[-1], spacing) if has_surface else None,
-        diameters=state.diameter.copy(),
-        provenance={
-            **basic_provenance(setup.case, "lammps"),
-            "lammps": version(),
-            "form": resolution.form,
-            "contact_duration": resolution.contact_duration,
-            "time_step": time_step,
-            "steps": round(float(setup.output_times[-1]) / time_step),
-            "copies": setup.copies,
-            "notes": list(setup.notes),
-            "complete": True,
-        },
-    )
-
-
-def _label(setup: Setup) -> str:
-    """Case and variant, for messages."""
-    return " ".join(filter(None, (setup.case.name, setup.case.variant)))
 
 
 def _last_lines(log: Path) -> str:

@@ -1,0 +1,91 @@
+"""From a setup to LIGGGHTS: variables of its decks, the wall as STL, the atoms.
+
+Decks say `units si` and mean um, us and kg/m3, because LIGGGHTS takes meshes of micrometres in metres for
+mistakes: speeds are in m/s, stresses in Pa, masses in 1e-18 kg and forces in pN.  No simulation here
+(`liggghts_run.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from cmpcheck.engines.lammps_setup import Deck, DeckUnits, variables
+from cmpcheck.engines.liggghts_library import Liggghts
+from cmpcheck.engines.protocol import Resolution
+from cmpcheck.fixes.layout import MICRO
+from cmpcheck.surfaces import surface_mesh
+from reference.heightfield import Heightfield
+from reference.state import Setup, State
+
+MASS = 1e-18  # kg in the unit of mass of a deck
+FORCE = 1e-12  # N in the unit of force
+UNITS = DeckUnits(MASS, 1.0, MICRO)
+OBSERVED = np.array([MICRO, 1.0, FORCE, MASS])  # as `fixes/native.py` takes them
+ROOM = 0.5e-6  # m, below the surface: what is removed must stay within the box
+
+MESH_LINE = re.compile(
+    r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+mesh/surface\S*[ \t].*\$\{surface_mesh\}.*$", re.M
+)
+WALL_LINE = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+wall/gran[ \t].*[ \t]mesh[ \t].*$", re.M)
+STORED = re.compile(r"[ \t]store_force[ \t]+yes\b")
+
+
+def deck_variables(
+    setup: Setup, resolution: Resolution, time_step: float, mesh: Path
+) -> dict[str, float | str]:
+    """Values of the index variables that the decks read, in their units; `mesh` is the STL of the surface.
+
+    Raises EngineError where the contact law cannot express the setup.
+    """
+    found = variables(setup, resolution, time_step, UNITS)
+    if setup.model.has_surface:
+        found["z_low"] = float(setup.state.heights.min() - ROOM) / MICRO
+    found["particle_mass"] = float(setup.state.mass.mean()) / MASS
+    found["surface_mesh"] = str(mesh)
+    return found
+
+
+def write_surface(surface: Heightfield, path: Path) -> None:
+    """Write one period of the surface as STL in um, as text, whose numbers LIGGGHTS reads in full precision."""
+    points, triangles = surface_mesh(surface)
+    meshio.write(path, meshio.Mesh(points / MICRO, [("triangle", triangles)]), "stl", binary=False)
+
+
+def wall_lines(deck: Deck) -> tuple[str, str, str, str]:
+    """The deck's lines that define mesh and wall, and the IDs of both; "" for each without a mesh wall.
+
+    Raises ValueError when the deck has one but not the other, or does not store the wall's force.
+    """
+    mesh, wall = MESH_LINE.search(deck.text), WALL_LINE.search(deck.text)
+    if mesh is None and wall is None:
+        return "", "", "", ""
+    if mesh is None or wall is None or not STORED.search(wall.group()):
+        raise ValueError(
+            f"{deck.path}: a wall needs two lines:  fix ID all mesh/surface file ${{surface_mesh}} type 2  "
+            "and  fix ID all wall/gran ... mesh n_meshes 1 meshes ID store_force yes"
+        )
+    return mesh.group(), wall.group(), mesh.group(1), wall.group(1)
+
+
+def create_atoms(liggghts: Liggghts, state: State) -> None:
+    """Put the particles of a state into LIGGGHTS: particle i becomes the atom with tag i + 1.
+
+    Raises ValueError when LIGGGHTS takes not all of them.
+    """
+    for x, y, z in state.position / MICRO:
+        liggghts.command(f"create_atoms 1 single {float(x)!r} {float(y)!r} {float(z)!r} units box")
+    tags = liggghts.tags()
+    if len(tags) != len(state.mass):
+        raise ValueError(
+            f"LIGGGHTS has created {len(tags)} of {len(state.mass)} particles: some lie outside the box"
+        )
+    index = tags - 1
+    liggghts.scalars("radius")[:] = state.diameter[index] / 2 / MICRO
+    liggghts.scalars("rmass")[:] = state.mass[index] / MASS
+    liggghts.scalars("density")[:] = state.mass[index] / (np.pi / 6 * state.diameter[index] ** 3)
+    liggghts.vectors("x")[:] = state.position[index] / MICRO
+    liggghts.vectors("v")[:] = state.velocity[index]
