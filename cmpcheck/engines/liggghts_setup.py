@@ -50,7 +50,7 @@ def deck_variables(
 
 
 def write_surface(surface: Heightfield, path: Path) -> None:
-    """Write one period of the surface as STL in um, as text, whose numbers LIGGGHTS reads in full precision."""
+    """Write one period of the surface as STL in um; as text, which LIGGGHTS reads in full precision."""
     points, triangles = surface_mesh(surface)
     meshio.write(path, meshio.Mesh(points / MICRO, [("triangle", triangles)]), "stl", binary=False)
 

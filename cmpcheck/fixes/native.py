@@ -180,7 +180,7 @@ def steps_without_contact(c, by_tag, heights, contacts):
 
 @kernel
 def approaches_stale(c, by_tag, heights, contacts, stale):
-    """Whether a particle may touch the surface at the next step where `stale` (nx, ny) marks a lowered node."""
+    """Whether a particle may touch the surface next where `stale` (nx, ny) marks a lowered node."""
     model = c.model
     for i in range(by_tag.shape[0]):
         p = by_tag[i]
