@@ -89,8 +89,8 @@ class Liggghts:
             self.handle = ctypes.c_void_p()
 
     def command(self, line: str) -> None:
-        """Run one line of input."""
-        self.library.lammps_command(self.handle, line.encode())
+        """Run one line of input, or one that is continued by `&`."""
+        self.library.lammps_command(self.handle, line.replace("&\n", "").encode())
 
     def file(self, path: str) -> None:
         """Run an input script; loops with `label` and `jump SELF` work within it."""
