@@ -26,18 +26,9 @@ from cmpcheck.engines.liggghts_setup import (
 from cmpcheck.engines.observed import Observed
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.calibration import spring
-from cmpcheck.fixes.layout import ERRORS, MICRO, NO_ERROR
+from cmpcheck.fixes.layout import ERRORS, MICRO
 from cmpcheck.fixes.memory import Memory
-from cmpcheck.fixes.native import (
-    WALL_COLUMNS,
-    approaches_stale,
-    collect_native,
-    follow_walls,
-    steps_without_contact,
-)
-from cmpcheck.fixes.pairs import observe_pairs
-from cmpcheck.fixes.particles import remove_in_order
-from cmpcheck.fixes.samples import store_sample
+from cmpcheck.fixes.native import WALL_COLUMNS, look, plan_steps
 from reference.heightfield import Heightfield
 from reference.pad import lowest_pad_height, pad_velocity
 from reference.state import FLOW_NONE, Setup
@@ -83,7 +74,7 @@ class _Watched:
         self.liggghts, self.setup, self.stride, self.mesh = liggghts, setup, stride, mesh
         model, state = setup.model, setup.state
         self.mesh_line, self.wall_line, self.mesh_id, self.wall_id = wall_lines(deck)
-        self.has_wall = bool(self.wall_line)
+        self.has_wall, self.wall_force = bool(self.wall_line), f"force_{self.wall_id}".encode()
         if self.has_wall != model.has_surface and (self.has_wall or model.flow == FLOW_NONE):
             raise ValueError(f"{deck.path}: the case {setup.case.name} and its deck do not agree on a wall")
         self.pad = pad_id(deck)
@@ -128,15 +119,16 @@ class _Watched:
     def _advance(self, most: int) -> None:
         """As many steps as surely have no contact, at most `most`; then look."""
         memory = self.memory
-        state = memory.by_tag, self.known, self.contacts
-        steps = min(int(steps_without_contact(memory.context, *state)), most)
-        if steps == 1 and self.has_wall and approaches_stale(memory.context, *state, memory.heights):
+        free, stale = plan_steps(memory.context, memory.by_tag, self.known, self.contacts, memory.heights)
+        steps = min(free, most)
+        if stale:
             self._read_surface()
         if self.pad:
             self._steer_pad()
         self.liggghts.command(ONE_STEP if steps == 1 else STEP.format(steps))
         self.step += steps
-        memory.context.pad_height -= self.pad_speed * steps * memory.context.time_step
+        if self.pad_speed:
+            memory.context.pad_height -= self.pad_speed * steps * memory.context.time_step
         self._look()
 
     def _steer_pad(self) -> None:
@@ -158,33 +150,20 @@ class _Watched:
 
     def _look(self) -> None:
         """Follow contacts, lower the surface, and record, at the step that has just been made."""
-        memory, c, liggghts = self.memory, self.memory.context, self.liggghts
-        n = len(memory.modulus)
+        memory, liggghts = self.memory, self.liggghts
         tags = liggghts.tags()
-        if len(tags) != n:
-            raise ValueError(f"step {self.step}: LIGGGHTS has lost {n - len(tags)} of {n} particles")
-        v, mass = liggghts.vectors("v"), liggghts.scalars("rmass")
-        wall = liggghts.fix_vectors(f"force_{self.wall_id}") if self.has_wall else self.no_wall
-        collect_native(
-            c, self.step, OBSERVED, tags, liggghts.vectors("x"), v, liggghts.vectors("f"), wall,
-            liggghts.scalars("radius"), mass, memory.by_tag,
+        if len(tags) != len(memory.modulus):
+            lost = len(memory.modulus) - len(tags)
+            raise ValueError(f"step {self.step}: LIGGGHTS has lost {lost} of {len(memory.modulus)} particles")
+        failed = look(
+            memory.context, self.step, OBSERVED, tags, liggghts.vectors(b"x"), liggghts.vectors(b"v"),
+            liggghts.vectors(b"f"), liggghts.fix_vectors(self.wall_force) if self.has_wall else self.no_wall,
+            liggghts.scalars(b"radius"), liggghts.scalars(b"rmass"), memory.by_tag, memory.modulus,
+            memory.heights, self.contacts, memory.rows, memory.position, memory.pairs, memory.listed,
+            memory.open_pairs, memory.samples,
         )  # fmt: skip
-        first = int(c.rows)
-        if self.has_wall and c.error == NO_ERROR:
-            follow_walls(
-                c, self.step, OBSERVED, tags, v, mass, memory.by_tag, memory.modulus, memory.heights,
-                self.contacts, memory.rows,
-            )  # fmt: skip
-            if c.rows > first:
-                remove_in_order(c, memory.heights, memory.rows, first, c.rows)
-        if c.observe_pairs and c.error == NO_ERROR:
-            observe_pairs(
-                c, self.step, memory.by_tag, memory.modulus, memory.position, memory.pairs, memory.listed,
-                memory.open_pairs, memory.rows,
-            )  # fmt: skip
-        if self.step % self.stride == 0 and c.error == NO_ERROR:
-            store_sample(c, self.step, memory.by_tag, memory.samples)
-        if c.error != NO_ERROR:
+        if failed:
+            c = memory.context
             raise ValueError(f"step {c.error_step}, particle {c.error_tag - 1}: {ERRORS[int(c.error)]}")
 
     def _read_surface(self) -> None:

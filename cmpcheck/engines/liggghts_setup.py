@@ -33,7 +33,8 @@ MESH_LINE = re.compile(
     r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+mesh/surface\S*[ \t].*\$\{surface_mesh\}.*$", re.M
 )
 PAD_LINE = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+mesh/surface\S*[ \t].*\$\{pad_mesh\}.*$", re.M)
-WALL_LINE = r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+wall/gran[ \t](?:.*&[ \t]*\n)*.*[ \t]meshes[ \t]+{}\b(?:.*&[ \t]*\n)*.*$"
+CONTINUED = r"(?:.*&[ \t]*\n)*.*"  # the rest of a line, with what & continues
+WALL_LINE = r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+wall/gran[ \t]{rest}[ \t]meshes[ \t]+{mesh}\b{rest}$"
 STORED = re.compile(r"[ \t]store_force[ \t]+yes\b")
 
 
@@ -70,7 +71,7 @@ def wall_lines(deck: Deck) -> tuple[str, str, str, str]:
     mesh = MESH_LINE.search(deck.text)
     if mesh is None:
         return "", "", "", ""
-    wall = re.search(WALL_LINE.format(re.escape(mesh.group(1))), deck.text, re.M)
+    wall = re.search(WALL_LINE.format(rest=CONTINUED, mesh=re.escape(mesh.group(1))), deck.text, re.M)
     if wall is None or not STORED.search(wall.group()):
         raise ValueError(
             f"{deck.path}: a wall needs two lines:  fix ID all mesh/surface file ${{surface_mesh}} type 2  "
@@ -86,7 +87,7 @@ def pad_id(deck: Deck) -> str:
 
 
 def write_pad(setup: Setup, path: Path) -> None:
-    """Write the pad as STL in um: a flat grid that faces down, because LIGGGHTS fails on triangles of box size."""
+    """Write the pad as STL in um: a flat grid that faces down."""
     model = setup.model
     z = np.full((PAD_SQUARES, round(PAD_SQUARES * model.length_y / model.length_x)), setup.state.pad_height)
     points, triangles = surface_mesh(Heightfield(z, model.length_x / PAD_SQUARES))
@@ -107,8 +108,8 @@ def create_atoms(liggghts: Liggghts, state: State) -> None:
             f"LIGGGHTS has created {len(tags)} of {len(state.mass)} particles: some lie outside the box"
         )
     index = tags - 1
-    liggghts.scalars("radius")[:] = state.diameter[index] / 2 / MICRO
-    liggghts.scalars("rmass")[:] = state.mass[index] / MASS
-    liggghts.scalars("density")[:] = state.mass[index] / (np.pi / 6 * state.diameter[index] ** 3)
-    liggghts.vectors("x")[:] = state.position[index] / MICRO
-    liggghts.vectors("v")[:] = state.velocity[index]
+    liggghts.scalars(b"radius")[:] = state.diameter[index] / 2 / MICRO
+    liggghts.scalars(b"rmass")[:] = state.mass[index] / MASS
+    liggghts.scalars(b"density")[:] = state.mass[index] / (np.pi / 6 * state.diameter[index] ** 3)
+    liggghts.vectors(b"x")[:] = state.position[index] / MICRO
+    liggghts.vectors(b"v")[:] = state.velocity[index]

@@ -28,7 +28,9 @@ from cmpcheck.fixes.layout import (
     TUNNELLED,
     VELOCITY,
 )
-from cmpcheck.fixes.pairs import SKIN
+from cmpcheck.fixes.pairs import SKIN, observe_pairs
+from cmpcheck.fixes.particles import remove_in_order
+from cmpcheck.fixes.samples import is_sampled, store_sample
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, record_surface_impact
 from reference.compiled import kernel
@@ -164,6 +166,27 @@ def follow_walls(c, step, units, tags, v, mass, by_tag, modulus, heights, contac
 
 
 @kernel
+def look(
+    c, step, units, tags, x, v, f, wall, radius, mass, by_tag, modulus, heights, contacts, rows, position,
+    pairs, listed, open_pairs, samples,
+):  # fmt: skip
+    """Follow all contacts, lower the surface and store a sample, at a step; return whether that failed.
+
+    Arrays as `collect_native`, `follow_walls`, `pairs.observe_pairs` and `samples.store_sample` take them.
+    """
+    collect_native(c, step, units, tags, x, v, f, wall, radius, mass, by_tag)
+    first = c.rows
+    if c.model.has_surface and c.error == NO_ERROR:
+        follow_walls(c, step, units, tags, v, mass, by_tag, modulus, heights, contacts, rows)
+        remove_in_order(c, heights, rows, first, c.rows)
+    if c.observe_pairs and c.error == NO_ERROR:
+        observe_pairs(c, step, by_tag, modulus, position, pairs, listed, open_pairs, rows)
+    if is_sampled(c, step) and c.error == NO_ERROR:
+        store_sample(c, step, by_tag, samples)
+    return c.error != NO_ERROR
+
+
+@kernel
 def steps_without_contact(c, by_tag, known, contacts):
     """How many steps surely pass before anything can touch; 1 where something touches, or may at the next.
 
@@ -228,6 +251,13 @@ def approaches_stale(c, by_tag, known, contacts, heights):
                 if heights[node] != known[node]:
                     return True
     return False
+
+
+@kernel
+def plan_steps(c, by_tag, known, contacts, heights):
+    """How many steps may be made unseen, at least 1, and whether the engine has to read `heights` before."""
+    steps = steps_without_contact(c, by_tag, known, contacts)
+    return steps, steps == 1 and c.model.has_surface and approaches_stale(c, by_tag, known, contacts, heights)
 
 
 @kernel
