@@ -1,8 +1,8 @@
 """Removal in the loop with a wall that is a mesh: LIGGGHTS, whose mesh is read again where it was lowered.
 
-The same samples in the reference, in LAMMPS with the soft form of the Python fix, whose wall is the heightfield
-itself, and in LIGGGHTS.  What reading costs is `benchmarks/remeshing.py`; why soft contacts remove less than
-impacts in turn is `cmpcheck/soft_study.py`.
+The same samples in the reference, in LAMMPS with the soft form of the Python fix, whose wall is the
+heightfield itself, and in LIGGGHTS.  What reading costs is `benchmarks/remeshing.py`; why soft contacts remove less
+than impacts in turn is `cmpcheck/soft_study.py`.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ def study(profile: str, runs: Path) -> StudyResult:
     apart, gap = relative(mesh, fix), relative(mesh, impacts)
     told = [o.quantity.replace("_", " ") for o, d in zip(OBSERVABLES, apart, strict=True) if clear(d, n, 4)]
     sentence = (
-        f"With soft contacts of {CONTACT * 1e9:g} ns LIGGGHTS, whose mesh is read again where it was lowered, "
-        f"removes {interval_text(_percent(apart[3]), n)} % more volume than LAMMPS with the heightfield itself, "
-        f"and flattens by {interval_text(_percent(apart[0]), n)} % more (95 % intervals, n = {n}); "
+        f"With soft contacts of {CONTACT * 1e9:g} ns LIGGGHTS, whose mesh is read again where it was "
+        f"lowered, removes {interval_text(_percent(apart[3]), n)} % more volume than LAMMPS, whose wall is "
+        f"the heightfield itself, and flattens by {interval_text(_percent(apart[0]), n)} % more (95 % "
+        f"intervals, n = {n}); "
     )
     sentence += f"they differ in {', '.join(told)}" if told else "no quantity tells them apart"
     sentence += (
@@ -57,8 +58,8 @@ def study(profile: str, runs: Path) -> StudyResult:
     return StudyResult(
         name="remeshing",
         title="Removal from a mesh wall, in the loop",
-        varied=f"The engine; all else as in {CASE}, but for a duration of {DURATION[profile]} and soft contacts "
-        f"with {STEPS} steps in each.",
+        varied=f"The engine; all else as in {CASE}, but for a duration of {DURATION[profile]} and "
+        f"soft contacts with {STEPS} steps in each.",
         samples=samples_of(case, n),
         tables=(
             Table(
