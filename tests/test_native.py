@@ -31,7 +31,7 @@ class Spring:
         self.memory.context.time_step = DT
         self.radius = state.diameter / 2
         self.x, self.v = state.position.copy(), np.array([[0.3, 0.0, -speed]])
-        self.x[0, 2] = self.radius[0] + 0.1e-9
+        self.x[0, 2] = self.radius[0] + 0.101e-9  # half a step deep when it is noticed
         self.mass, self.tags = state.mass.copy(), np.arange(1, n + 1, dtype=np.int32)
         self.contacts, self.step, self.pushed = np.zeros((n, WALL_COLUMNS)), 0, 0.0
         self.force = self.wall_force()

@@ -1,8 +1,8 @@
 """Removal in the loop with a wall that is a mesh: LIGGGHTS, whose mesh is read again where it was lowered.
 
 The same samples in the reference, in LAMMPS with the soft form of the Python fix, whose wall is the
-heightfield itself, and in LIGGGHTS.  What reading costs is `benchmarks/remeshing.py`; why soft contacts remove less
-than impacts in turn is `cmpcheck/soft_study.py`.
+heightfield itself, and in LIGGGHTS.  What reading costs is `benchmarks/remeshing.py`; why soft contacts
+remove less than impacts in turn is `cmpcheck/soft_study.py`.
 """
 
 from __future__ import annotations
