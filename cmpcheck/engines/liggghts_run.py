@@ -54,6 +54,7 @@ def simulate(deck: Deck, setup: Setup, resolution: Resolution, stride: int, time
     arguments = ["-log", "none", "-screen", SCREEN, "-var", "driver", "1"]
     for key, value in deck_variables(setup, resolution, time_step, mesh).items():
         arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
+    Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
     part = Path("definitions").absolute()
     part.write_text(deck.definitions(), "utf-8")
     liggghts = Liggghts(arguments)
