@@ -1,4 +1,4 @@
-"""What it costs LIGGGHTS to read a lowered surface again: `python -m benchmarks.remeshing` writes remeshing.md.
+"""What reading a lowered surface again costs LIGGGHTS: `python -m benchmarks.remeshing`, to remeshing.md.
 
 Samples of `polish_pair` as the study `remeshing` runs them, on surfaces of more and more nodes.  What comes out
 of them is that study's business.
