@@ -62,7 +62,7 @@ class LiggghtsEngine:
             seen = child.call(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
             return observed_run(setup, resolution, seen, time_step, self.name, version())
         except (ChildError, ValueError) as error:
-            said = _last_lines(child.folder / SCREEN)
+            said = last_lines(child.folder / SCREEN)
             raise EngineError(f"{label(setup)}: LIGGGHTS: {error}{said}") from None
 
 
@@ -83,7 +83,7 @@ def _timeout(setup: Setup) -> float:
     return value
 
 
-def _last_lines(screen: Path) -> str:
+def last_lines(screen: Path) -> str:
     """The end of what LIGGGHTS said, in one line."""
     try:
         lines = [line.strip() for line in screen.read_text("utf-8", "replace").splitlines()]

@@ -32,6 +32,7 @@ from cmpcheck.studies import (
     spacing,
     threshold,
     time_step,
+    wear,
 )
 
 StudyFunction = Callable[[str, Path], StudyResult]
@@ -43,6 +44,7 @@ STUDIES: dict[str, StudyFunction] = {  # as they stand in the report
     "acceleration": acceleration.study,
     "threshold": threshold.study,
     "fine_abrasive": fine_abrasive.study,
+    "wear": wear.study,
     "polish_full": polish_full.study,
 }
 LONGEST_FIRST = ("polish_full", "time_step", "particle_speed")  # begun in this order, before the others
