@@ -176,6 +176,7 @@ def run_deck(folder: Path, text: str, *flags: str) -> subprocess.CompletedProces
     (folder / "in.deck").write_text(text, "utf-8")
     return subprocess.run(
         ["liggghts", "-in", "in.deck", "-log", "none", *flags], cwd=folder, capture_output=True, text=True,
+        errors="replace",  # it may print memory that it has not set
         stdin=subprocess.DEVNULL, timeout=60,
     )  # fmt: skip
 

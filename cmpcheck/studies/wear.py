@@ -149,9 +149,9 @@ def study(profile: str, runs: Path) -> StudyResult:
         f"k_finnie = 1/(4 σ_y) = {number(laws.coefficient, 3)} 1/Pa is Finnie's constant for a flow stress "
         "σ_y, a factor on all his volumes that a fit would change. LIGGGHTS adds up 2 k f(γ) |v| |F| Δt "
         "while the sphere approaches, with speed v, angle γ and force F of each step; the integral that this "
-        f"tends to is found by quadrature and in closed form. Its finest three levels of {steps[0]} to {steps[-1]} "
-        "steps per contact give order and limit; near 90° the angle turns within the last steps of the "
-        "approach, and the order shows only at smaller ones.",
+        "tends to is found by quadrature and in closed form. Its finest three levels of "
+        f"{steps[0]} to {steps[-1]} steps per contact give order and limit; near 90° the angle turns within "
+        "the last steps of the approach, and the order shows only at smaller ones.",
         samples=f"Single impacts of the sphere of {CASE} on copper (σ_y = 0.3 GPa), no random numbers.",
         tables=(
             _by_angle(laws, angles, worn), _levels(laws, angles, steps, worn),
