@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
+from cmpcheck.display import printable
 from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
 from cmpcheck.engines.lammps_library import EngineError
@@ -26,6 +27,7 @@ from reference.recording import Run
 from reference.state import Setup
 
 TIMEOUT = 600.0  # s for one run, unless [engine.liggghts] timeout says otherwise
+LONGEST = 200  # characters of a line
 LINES = 3  # of what LIGGGHTS said, quoted when it fails
 NOISE = re.compile(r"WARNING! (Style|VariantSelector) collision|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$")
 
@@ -89,5 +91,6 @@ def last_lines(screen: Path) -> str:
         lines = [line.strip() for line in screen.read_text("utf-8", "replace").splitlines()]
     except OSError:
         return ""
-    lines = [re.sub(r" \(\S*src/\S+\)", "", line) for line in lines if line and not NOISE.search(line)]
+    lines = [re.sub(r" ?\(\S*src/\S+\)", "", line) for line in lines if not NOISE.search(line)]
+    lines = [printable(line)[:LONGEST] for line in lines if line]
     return f" (said: {' | '.join(lines[-LINES:])})" if lines else ""

@@ -87,7 +87,8 @@ def worn_depths(definitions: str, values: dict[str, float | str]) -> np.ndarray:
     arguments = ["-log", "none", "-screen", SCREEN]
     for key, value in values.items():
         arguments += ["-var", key, str(value)]
-    Path(DUMP).unlink(missing_ok=True)
+    for old in (DUMP, SCREEN):  # an instance before may write to its own until the process ends
+        Path(old).unlink(missing_ok=True)
     part = Path("definitions").absolute()
     part.write_text(definitions, "utf-8")
     liggghts = Liggghts(arguments)
