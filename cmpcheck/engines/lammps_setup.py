@@ -94,7 +94,7 @@ def deck_path(case_name: str, engine: str = "") -> Path:
     if path.is_file():
         return path
     names = sorted(path.name[3:] for path in folder.glob("in.*"))
-    what = engine or "lammps"
+    what = (engine or "lammps").upper()
     raise EngineError(f"no {what} deck for the case {case_name}; there are decks for {', '.join(names)}")
 
 
