@@ -286,9 +286,10 @@ def init(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="write over an existing file")] = False,
 ) -> None:
-    """Write a case file or a deck to start from."""
+    """Write a case file or a deck to start from, the latter with what `compare --deck` needs in comments."""
+    from cmpcheck.engines.lammps_contract import contract
     from cmpcheck.engines.lammps_library import EngineError
-    from cmpcheck.engines.lammps_setup import deck_path
+    from cmpcheck.engines.lammps_setup import Deck, deck_path
     from cmpcheck.outputs import write_new
     from reference.case import CASES, CaseError, available_cases
     from reference.toml_source import nearest
@@ -299,7 +300,8 @@ def init(
         source = deck_path(case) if deck else CASES / f"{case}.toml"
     except EngineError as problem:
         raise BadInput(str(problem)) from None
-    write_new(file, source.read_text("utf-8"), force)
+    text = source.read_text("utf-8")
+    write_new(file, contract(case, Deck(source, text)) if deck else text, force)
     typer.echo(str(file))
 
 

@@ -18,7 +18,8 @@ from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
-from cmpcheck.engines.protocol import Engine, NotSupported
+from cmpcheck.engines.lammps_contract import check_deck
+from cmpcheck.engines.protocol import Engine, NotSupported, Resolution
 from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
@@ -162,6 +163,7 @@ def run_suite(
                 Task(case, k, others, profile, folder / "data", decks or {}, form, files)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
+    _check_decks(loaded, decks or {}, others)
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
     totals = Counter(name for name, _, _ in keys)
     outcomes: dict[tuple[str, int, str], Outcome] = {}
@@ -191,6 +193,27 @@ def run_suite(
     result.studies = run_studies(studies, profile, runs, jobs, keep)
     result.seconds = time.perf_counter() - begin
     return result
+
+
+def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
+    """Refuse a user's deck that lacks what the engine needs; LAMMPS reads it in a process of its own.
+
+    Raises CaseError naming all of it.
+    """
+    tasks = [(case, decks[case.name]) for case in cases if case.name in decks and "lammps" in engines]
+    for (_, path), future in run_tasks(_check_deck, tasks, 1) if tasks else ():
+        problem = future.exception()
+        if isinstance(problem, CaseError):
+            raise problem
+        if problem is not None:
+            raise CaseError(f"{path}: cannot be checked: {problem_of(future)}")
+
+
+def _check_deck(task: tuple[Case, Path]) -> None:
+    case, path = task
+    variant = case.variants()[0]
+    duration, steps = contact_settings(variant, "lammps")
+    check_deck(path, build_setup(variant), Resolution(duration / steps, duration))
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:

@@ -22,12 +22,15 @@ from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
+from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
+from reference.case import Case
 from reference.heightfield import Heightfield
 from reference.recording import Run, basic_provenance, history_row
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
+DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
 LOG_LINES = 3  # of LAMMPS's log, quoted when it fails
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
@@ -40,6 +43,18 @@ class LammpsEngine:
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})
 
+    def surface_forms(self, case: Case) -> tuple[str, ...]:
+        """The forms of surface contact that the deck of a case can be run in: of the fix, or its own."""
+        return ("soft", "impulse") if self._deck(case.name).external_fix else ("native",)
+
+    def _deck(self, case: str) -> Deck:
+        """The deck of a case; raises EngineError where it is no text file."""
+        path = Path(self.decks.get(case) or deck_path(case))
+        try:
+            return Deck(path, path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+
     def info(self) -> EngineInfo:
         """Whether LAMMPS can be loaded, and which version."""
         found, reason = available()
@@ -51,11 +66,7 @@ class LammpsEngine:
         The time step is the resolution's, made a little smaller where the output times are no multiple of it.
         """
         refuse_rules_it_lacks(setup)
-        path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
-        try:
-            deck = Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        deck = self._deck(setup.case.name)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
@@ -134,9 +145,15 @@ def _simulate(
         pad_heights.append(fix.pad_height)
     run = _recorded(setup, resolution, fix, surfaces, pad_heights, time_step)
     if native and setup.model.has_surface:
-        lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
-        if lowest.min() < setup.state.heights.max():
-            raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
+        radii = setup.state.diameter / 2
+        sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
+        if sunk.max() > DEEPEST:
+            raise EngineError(
+                f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
+            )
+        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does those
+        # of particles: the trajectory is judged.
+        run.provenance["contacts"] = UNOBSERVED
     return run
 
 

@@ -1,7 +1,8 @@
 """YADE as an engine for cmpcheck: pairs of spheres, and one sphere on a flat wall.
 
-Each run is a process of its own, `yade -n -x cmpcheck_yade_script.py`, which gets a file of numbers and leaves
-one: nothing of YADE is loaded here.  Lengths are um, times us, masses pg, as YADE's own tolerances expect.
+Each run is a process of its own, `yade -n -x cmpcheck_yade_script.py`, which gets a file of numbers and
+leaves one: nothing of YADE is loaded here.  Lengths are um, times us, masses pg, as YADE's own tolerances
+expect.
 """
 
 from __future__ import annotations
@@ -95,6 +96,8 @@ def _refuse(setup: Setup) -> None:
     model, particles = setup.model, len(setup.state.mass) // setup.copies
     if model.flow != FLOW_NONE or model.has_pad or setup.state.heights.any():
         raise NotSupported("without flow, pad and asperities: two spheres, or one on a flat wall")
+    if model.mass_pickup:
+        raise NotSupported("its spheres pick nothing up")
     if particles != (1 if model.has_surface else 2):
         raise NotSupported(f"{particles} particles: two spheres, or one on a flat wall")
     if model.static_friction != model.dynamic_friction:
