@@ -151,8 +151,8 @@ def _simulate(
             raise EngineError(
                 f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
             )
-        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does those
-        # of particles: the trajectory is judged.
+        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does
+        # those of particles: the trajectory is judged.
         run.provenance["contacts"] = UNOBSERVED
     return run
 

@@ -47,8 +47,8 @@ CONTRACT = """\
 {fix}#
 # Not needed: groups (all is used), computes, dumps, thermo, the time step, a run, an output of any kind.
 # Any contact or wall style may be used.  Pair contacts are observed.  Of a wall that is LAMMPS's own, as that
-# of fix wall/gran, the trajectory is judged: restitution, velocities, energy, impulse and path, but not single
-# contacts, loads and removed volumes, for which cmpcheck's fix is needed.
+# of fix wall/gran, the trajectory is judged: restitution, velocities, energy, impulse and path.  Single
+# contacts, loads and removed volumes are not compared: they need cmpcheck's fix.
 # ---------------------------------------------------------------------------------------------------
 """
 FIX = f"""\

@@ -70,6 +70,11 @@ def shown(text: object) -> str:
     return said if len(said) <= SHOWN else said[: SHOWN - 3] + "..."
 
 
+def one_line(problem: Exception) -> str:
+    """What a library has to say of a file, in one line of bounded length."""
+    return " ".join(f"{problem}".split())[: 4 * SHOWN]
+
+
 def rename(path: Path, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns under our names, without those that we do not know.  Raises CaseError for one given twice."""
     found: dict[str, np.ndarray] = {}

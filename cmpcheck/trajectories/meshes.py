@@ -15,7 +15,7 @@ import meshio
 import numpy as np
 
 from cmpcheck.trajectories.digits import binary_resolution, text_resolution
-from cmpcheck.trajectories.frames import DECLARED, Frames, canonical, declare, shown
+from cmpcheck.trajectories.frames import DECLARED, Frames, canonical, declare, one_line, shown
 from reference.toml_source import CaseError
 
 READERS = {".vtu": meshio.vtu.read, ".vtk": meshio.vtk.read}
@@ -53,7 +53,7 @@ def _pvd(path: Path, text: str) -> tuple[list[tuple[float, str]], dict[str, Any]
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as problem:
-        raise CaseError(f"{path}: not a .pvd index: {problem}") from None
+        raise CaseError(f"{path}: not a .pvd index: {one_line(problem)}") from None
     sets: dict[float, dict[int, str]] = {}
     for entry in root.iter("DataSet"):
         try:
@@ -98,8 +98,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError("its points have no three coordinates")
     except Exception as problem:  # meshio's readers raise whatever the file makes them stumble over
-        said = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise CaseError(f"{path}: not read: {said[:200]}") from None
+        raise CaseError(f"{path}: not read: {type(problem).__name__}: {one_line(problem)}") from None
     columns: dict[str, np.ndarray] = dict(zip("xyz", points.T, strict=True))
     for name, values in data.items():
         array = np.asarray(values)

@@ -30,7 +30,7 @@ from reference.toml_source import CaseError
 EPS = float(np.finfo(float).eps)
 UNIT_ROUNDING = 8 * EPS  # relative: a number is multiplied and divided by a unit a few times
 END = 1e-6  # of the case's duration, by which a file may end early
-MOST_STEPS = 1e6  # of a code that does not state its time step, for what rounding does to momentum
+MOST_STEPS = 1e6  # of a code that does not state its time step, for what rounding adds up to
 READERS: dict[str, Callable[[Path], Frames]] = {
     ".csv": read_csv, ".txt": read_csv, ".parquet": read_parquet, ".pq": read_parquet, ".pvd": read_series,
     ".series": read_series, ".dump": read_dump, ".lammpstrj": read_dump,
@@ -98,6 +98,9 @@ def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence
     position_error = _resolution(columns, POSITION, units) + UNIT_ROUNDING * reach
     setup = replace(setup, output_times=times, end_time=float(times[-1]))
     _check_start(path, "position", positions[0], setup, position_error)
+    steps = times[-1] / time_step if time_step else MOST_STEPS
+    position_error += 0.5 * EPS * steps * reach  # half a unit at each step of the code
+    time_error = columns.resolution.get("time", 0.0) * units.time
     model = setup.model
     for axis, period in enumerate((model.length_x, model.length_y, model.length_z)):
         if period > 0.0:
@@ -110,7 +113,10 @@ def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence
     if differences:
         if len(times) < 3:
             raise CaseError(f"{path}: no velocities, and only {len(times)} times; allowed: 3 or more")
-        velocities, errors = by_differences(times, unwrapped(run, setup), position_error, free)
+        paths = unwrapped(run, setup)
+        speed = float(np.abs(np.diff(paths, axis=0) / np.diff(times)[:, np.newaxis, np.newaxis]).max())
+        late = speed * (time_error + EPS * float(times[-1]))
+        velocities, errors = by_differences(times, paths, position_error + late, free)
         notes.append(f"{path.name} has no velocities: they are differences of its positions.")
     else:
         velocities = _vectors(columns, VELOCITY, units)
@@ -124,8 +130,7 @@ def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence
         )
     run.velocities[:] = velocities
     run.history = _history(run, setup)
-    run.provenance["steps"] = times[-1] / time_step if time_step else MOST_STEPS
-    time_error = columns.resolution.get("time", 0.0) * units.time
+    run.provenance["steps"] = steps
     return Evidence(
         setup, run, position_error, time_error, errors, mass_error, differences, masses_known, time_step,
         contact, notes,

@@ -24,6 +24,7 @@ from cmpcheck.trajectories.frames import (
     Frames,
     canonical,
     declare,
+    one_line,
     rename,
     shown,
 )
@@ -55,7 +56,7 @@ def read_csv(path: Path) -> Frames:
             skipinitialspace=True, quoting=3, on_bad_lines="error",
         )  # fmt: skip
     except (ValueError, pd.errors.ParserError) as problem:
-        raise CaseError(f"{path}: not a table: {problem}") from None
+        raise CaseError(f"{path}: not a table: {one_line(problem)}") from None
     known = {name: table[name] for name in table.columns if canonical(str(name)) in COLUMNS}
     texts = rename_texts(path, known)
     columns = {}
@@ -100,7 +101,7 @@ def read_parquet(path: Path) -> Frames:
     try:
         table = pq.read_table(path, memory_map=False)
     except (pa.ArrowException, OSError, ValueError) as problem:
-        raise CaseError(f"{path}: not a Parquet file: {problem}") from None
+        raise CaseError(f"{path}: not a Parquet file: {one_line(problem)}") from None
     columns: dict[str, np.ndarray] = {}
     for field in table.schema:
         if canonical(field.name) not in COLUMNS:
