@@ -78,11 +78,7 @@ def check_deck(path: Path, setup: Setup, resolution: Resolution) -> None:
     except EngineError as error:
         raise CaseError(str(error)) from None
     early = TOO_EARLY.search(text)
-    lacks = (
-        [f"no {early.group(1)} above the line if \"${{driver}}: atoms and runs are cmpcheck's"]
-        if early
-        else []
-    )
+    lacks = [f"a beginning without {early.group(1)}: atoms and runs are cmpcheck's"] if early else []
     if not lacks:
         tiled = tile(setup, COPIES, resolution.time_step)
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:

@@ -42,9 +42,9 @@ class SwarmJudge:
         add_momentum(found, run, setup.copies)
         return found
 
-    def impacts(self) -> list[Impact]:
-        """None that is known beforehand; each keeps the momentum, whatever its duration."""
-        return []
+    def impacts(self) -> list[Impact] | None:
+        """Not known beforehand; each keeps the momentum, whatever its duration."""
+        return None
 
     def largest_force(self) -> float:
         """None acts."""

@@ -62,8 +62,7 @@ def compare_file(
 
     Raises CaseError when the file cannot be used.
     """
-    judge = judge_of(setup)
-    found = evidence(path, setup, options, free=judge.largest_force() == 0.0)
+    found = evidence(path, setup, options, judge_of(setup))
     judge = judge_of(found.setup)  # of the file's own end
     rows = [_row(case, quantity, verdict, kind) for quantity, verdict, kind in verdicts(judge, found)]
     return rows, judge.traces(found.setup, found.run, ENGINE), found.notes, found.run

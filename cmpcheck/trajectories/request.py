@@ -28,8 +28,7 @@ class Trajectories:
         """Read the file of a setup, if there is one.  Raises CaseError when it cannot be compared."""
         path = self.of(setup.case)
         if path is not None:
-            free = judge_of(setup).largest_force() == 0.0
-            evidence(path, setup, self.options, free)
+            evidence(path, setup, self.options, judge_of(setup))
 
 
 def requested(entries: Iterable[str], cases: Mapping[str, list[str]], options: Options) -> Trajectories:

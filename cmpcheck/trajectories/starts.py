@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cmpcheck.judges.protocol import UNOBSERVED
+from cmpcheck.judges.protocol import UNOBSERVED, Judge
 from cmpcheck.phases import unwrapped
 from cmpcheck.trajectories.dumps import read_dump
 from cmpcheck.trajectories.frames import POSITION, VELOCITY, Columns, Frames, assemble, shown
@@ -76,8 +76,8 @@ def read(path: Path) -> Frames:
         raise CaseError(f"{path}: cannot be read: {problem.strerror or problem}") from None
 
 
-def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence:
-    """The trajectory of a file as a run of `setup`; `free`: nothing but contacts acts on the particles.
+def evidence(path: Path, setup: Setup, options: Options, judge: Judge) -> Evidence:
+    """The trajectory of a file as a run of `setup`; its judge knows when particles fly freely.
 
     Raises CaseError when the file does not hold the case from its start to its end.
     """
@@ -116,7 +116,12 @@ def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence
         paths = unwrapped(run, setup)
         speed = float(np.abs(np.diff(paths, axis=0) / np.diff(times)[:, np.newaxis, np.newaxis]).max())
         late = speed * (time_error + EPS * float(times[-1]))
-        velocities, errors = by_differences(times, paths, position_error + late, free)
+        velocities, errors = by_differences(
+            times,
+            paths,
+            position_error + late,
+            calm_times(judge, contact or 0.0, float(np.diff(times).max())),
+        )
         notes.append(f"{path.name} has no velocities: they are differences of its positions.")
     else:
         velocities = _vectors(columns, VELOCITY, units)
@@ -135,6 +140,19 @@ def evidence(path: Path, setup: Setup, options: Options, free: bool) -> Evidence
         setup, run, position_error, time_error, errors, mass_error, differences, masses_known, time_step,
         contact, notes,
     )  # fmt: skip
+
+
+def calm_times(judge: Judge, contact: float, interval: float) -> tuple[float, float] | None:
+    """Until when and from when on nothing acts on the particles; None where that is not known.
+
+    Before the first exact impact; later than the last one by its duration and an output.
+    """
+    impacts = judge.impacts()
+    if impacts is None or judge.largest_force() > 0.0:
+        return None
+    if not impacts:
+        return np.inf, 0.0
+    return impacts[0].time, impacts[-1].time + contact + interval
 
 
 def trajectory_run(

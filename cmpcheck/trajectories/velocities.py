@@ -6,24 +6,25 @@ import numpy as np
 
 
 def by_differences(
-    times: np.ndarray, positions: np.ndarray, resolution: float, free: bool
+    times: np.ndarray, positions: np.ndarray, resolution: float, calm: tuple[float, float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Velocities (T, N, 3) in m/s, and bounds on their errors.
 
     Between the ends: central differences, whose error is taken to be their distance from those over twice the
-    interval (of a smooth path they are off by a third of it).  At an end, where particles fly freely, the
-    longest straight line from it: straight as long as the slopes to all points agree within the digits, of
-    which the longest says most.  Where forces act, a parabola through three points, and as its error the
-    distance from the slope of the first two.
+    interval (of a smooth path they are off by a third of it).  At an end that belongs to a free flight, the
+    longest line within it: the digits leave least open there.  At another end, a parabola through three
+    points, and as its error the distance from the slope of the first two.
 
     Parameters: times (T,), s; positions (T, N, 3), m, unwrapped; resolution, half a unit in their last place,
-    m; free, whether nothing but contacts acts on the particles.
+    m; calm, until when and from when on particles fly freely, s; None where that is not known.
     """
     count = len(times)
     velocities, errors = np.empty_like(positions), np.full_like(positions, np.inf)
-    end = _line if free else _parabola
-    velocities[0], errors[0] = end(times, positions, resolution)
-    velocities[-1], errors[-1] = end(times[::-1], positions[::-1], resolution)
+    until, after = (
+        (0, count) if calm is None else (int((times < calm[0]).sum()), int((times <= calm[1]).sum()))
+    )
+    velocities[0], errors[0] = _end(times, positions, resolution, until)
+    velocities[-1], errors[-1] = _end(times[::-1], positions[::-1], resolution, count - after)
     if count > 2:
         velocities[1:-1] = np.gradient(positions, times, axis=0)[1:-1]
         slopes = np.diff(positions, axis=0) / np.diff(times)[:, np.newaxis, np.newaxis]
@@ -35,21 +36,21 @@ def by_differences(
     return velocities, errors
 
 
-def _line(times: np.ndarray, positions: np.ndarray, resolution: float) -> tuple[np.ndarray, np.ndarray]:
-    """Slope (N, 3) of the longest straight line from the first point, and what the digits leave open."""
-    spans = np.abs(times[1:] - times[0])
-    slopes = (positions[1:] - positions[0]) / (times[1:] - times[0])[:, np.newaxis, np.newaxis]
-    open_by = np.broadcast_to((2.0 * resolution / spans)[:, np.newaxis, np.newaxis], slopes.shape)
-    low = np.maximum.accumulate(slopes - open_by, axis=0)
-    high = np.minimum.accumulate(slopes + open_by, axis=0)
-    last = np.argmin(low <= high, axis=0) - 1  # the last straight one; -1, the very last, where all are
-    last = np.where((low <= high).all(axis=0), len(spans) - 1, last)[np.newaxis]
-    found = np.take_along_axis(slopes, last, axis=0)[0], np.take_along_axis(open_by, last, axis=0)[0]
-    if len(spans) < 2:
-        return found
-    alone = last[0] == 0  # two points make a line of anything
-    bend = np.abs((slopes[1] - slopes[0]) * spans[0] / (spans[1] - spans[0]))
-    return found[0], found[1] + np.where(alone, bend, 0.0)
+def _end(
+    times: np.ndarray, positions: np.ndarray, resolution: float, free: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope (N, 3) at the first point, of which the first `free` should be on a line, and its error.
+
+    Where they are not, by more than the digits, the distance from the line of the farthest counts as error.
+    """
+    if free < 2:
+        return _parabola(times, positions, resolution)
+    span = times[free - 1] - times[0]
+    slope = (positions[free - 1] - positions[0]) / span
+    line = positions[0] + slope * (times[:free] - times[0])[:, np.newaxis, np.newaxis]
+    apart = np.abs(positions[:free] - line).max(axis=0)
+    bent = np.maximum(apart - 2.0 * resolution, 0.0) / abs(times[1] - times[0])
+    return slope, 2.0 * resolution / abs(span) + bent
 
 
 def _parabola(times: np.ndarray, positions: np.ndarray, resolution: float) -> tuple[np.ndarray, np.ndarray]:
