@@ -6,6 +6,7 @@ The files are the reference's own runs, so that the right answer is known; the e
 from __future__ import annotations
 
 import functools
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from cmpcheck.cli import app
 from cmpcheck.export import export_run
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.protocol import Impact
@@ -467,3 +470,48 @@ def test_frames_are_read_without_a_case(tmp_path):
     found = read(csv(tmp_path, table(run_of(PAIR))))
     assert len(found.times) == len(found.frames) == len(run_of(PAIR).times)
     assert not isinstance(found, Columns)
+
+
+# The command
+
+
+@pytest.mark.parametrize(
+    "entry, message",
+    [
+        ("drag_relaxation", "allowed: CASE=FILE"),
+        ("swarm=mine.csv", "with a case that is compared: pair_head_on"),
+        ("pair_head_on=mine.csv", "name one as in CASE/VARIANT=FILE; known: e0.2"),
+        ("pair_head_on/e0.6=mine.csv", "did you mean 'e0."),
+        ("pair_head_on/e0.5=gone.csv", "gone.csv: no such file"),
+        ("pair_head_on/e0.5=mine.csv", "mine.csv: no rows"),
+    ],
+)
+def test_what_the_command_refuses_is_one_line(entry, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.csv").write_text("", "utf-8")
+    result = CliRunner().invoke(
+        app, ["compare", "pair_head_on", "--engine", "reference", "--trajectory", entry]
+    )
+    assert (result.exit_code, result.stdout, len(result.stderr.splitlines())) == (2, "", 1)
+    assert message in result.stderr
+
+
+def test_the_command_reports_a_wrong_trajectory_and_keeps_it(tmp_path):
+    path = csv(tmp_path, table(run_of(SLIP, 1.02, "dynamic_friction")))
+    stated = ["--time-step", STEP, "--contact-duration", "0 s", "--jobs", "1", "--out", str(tmp_path / "out")]
+    arguments = [
+        "compare",
+        "pair_slip",
+        "--engine",
+        "reference",
+        "--trajectory",
+        f"pair_slip={path}",
+        *stated,
+    ]
+    assert CliRunner().invoke(app, arguments).exit_code == 1
+    report = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    wrong = {row["quantity"] for row in report["comparisons"] if row["status"] == "disagree"}
+    assert "friction_impulse" in wrong
+    assert {row["engine"] for row in report["comparisons"] if row["status"] == "disagree"} == {"trajectory"}
+    kept = Run.load(tmp_path / "out" / "data" / "pair_slip" / "trajectory")
+    np.testing.assert_array_equal(kept.times, run_of(SLIP).times)
