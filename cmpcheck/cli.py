@@ -84,7 +84,7 @@ def compare(
     from reference.case import load_case
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
-    names = cases or ([] if study else comparable_cases(profile.value))
+    names = cases or ([] if study else comparable_cases(profile.value, engine or []))
     variants = {case.name: [v.variant for v in case.variants()] for case in map(load_case, names)}
     loaded = {name: len(found) for name, found in variants.items()}
     if len(loaded) < len(names):
@@ -254,7 +254,8 @@ def figures(
 def doctor() -> None:
     """Show what is installed and what is missing.
 
-    For each engine its version, or the command that installs it; exit code 1 when anything is missing.
+    For each engine its version, or the command that installs it; exit code 1 when anything is
+    missing that is not optional.
     """
     from cmpcheck.doctor import examine
 
@@ -265,7 +266,7 @@ def doctor() -> None:
         )
         if finding.remedy:
             typer.echo(f"{'':<10} install with: {finding.remedy}")
-    raise typer.Exit(int(not all(finding.found for finding in findings)))
+    raise typer.Exit(int(not all(finding.found or finding.optional for finding in findings)))
 
 
 @command()

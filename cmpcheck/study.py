@@ -96,11 +96,11 @@ def engine_study(engine: Engine, judge: Judge, setup: Setup, profile: str, form:
 
 
 def contact_forms(engine: Engine, judge: Judge, case: Case) -> tuple[str, ...]:
-    """The forms of surface contact that an engine is run in; what has no fix of ours has its own only."""
-    if not judge.has_surface_contact or is_plugin(engine.name):
+    """The forms of surface contact that an engine is run in; one that names none has its own only."""
+    if not judge.has_surface_contact:
         return ("native",)
-    forms = getattr(engine, "surface_forms", None)
-    return tuple(forms(case)) if forms is not None else ("soft", "impulse")
+    forms_of = getattr(engine, "forms_of", None)
+    return tuple(forms_of(case) if forms_of else getattr(engine, "surface_forms", ("native",)))
 
 
 def unobserved(study: Study, reference: Study) -> list[str]:

@@ -15,12 +15,14 @@ from cmpcheck.results import EngineInfo
 from reference.recording import Run
 from reference.state import Setup
 
-ENGINES = ("reference", "lammps")  # that ship
+ENGINES = ("reference", "lammps", "liggghts")  # that ship
 GROUP = "cmpcheck.engines"
 
 
 class BrokenPlugin:
     """Stands for an engine of another package that cannot be made, and says why."""
+
+    surface_forms: tuple[str, ...] = ("native",)
 
     def __init__(self, name: str, problem: str) -> None:
         self.name, self.problem = name, " ".join(problem.split())
@@ -49,7 +51,7 @@ def _plugins() -> EntryPoints:
 
 
 def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
-    """The engine of that name; `decks` replaces the decks that ship, by case.
+    """The engine of that name; `decks` replaces the LAMMPS decks that ship, by case.
 
     Raises ValueError for a name that is not in `engine_names()`.  A plugin that cannot be made is an engine
     that is not available.
@@ -60,6 +62,10 @@ def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
         from cmpcheck.engines.lammps import LammpsEngine
 
         return LammpsEngine(decks or {})
+    if name == "liggghts":
+        from cmpcheck.engines.liggghts import LiggghtsEngine
+
+        return LiggghtsEngine()
     if is_plugin(name):
         return _make_plugin(name)
     raise ValueError(f"unknown engine {name!r}; allowed: {', '.join(engine_names())}")

@@ -10,28 +10,34 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
-from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
+from cmpcheck.engines.lammps_setup import (
+    NO_QUIT,
+    Deck,
+    create_atoms,
+    deck_path,
+    execute,
+    input_flags,
+    last_words,
+    variables,
+)
+from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
 from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
 from reference.case import Case
-from reference.heightfield import Heightfield
-from reference.recording import Run, basic_provenance, history_row
+from reference.recording import Run
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
 DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
-LOG_LINES = 3  # of LAMMPS's log, quoted when it fails
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
 
@@ -39,21 +45,18 @@ class LammpsEngine:
     """Runs the deck of a case, or the user's own: `decks` maps names of cases to files."""
 
     name = "lammps"
+    surface_forms: tuple[str, ...] = ("soft", "impulse")
 
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})
 
-    def surface_forms(self, case: Case) -> tuple[str, ...]:
+    def forms_of(self, case: Case) -> tuple[str, ...]:
         """The forms of surface contact that the deck of a case can be run in: of the fix, or its own."""
-        return ("soft", "impulse") if self._deck(case.name).external_fix else ("native",)
+        return self.surface_forms if self._deck(case.name).external_fix else ("native",)
 
     def _deck(self, case: str) -> Deck:
-        """The deck of a case; raises EngineError where it is no text file."""
-        path = Path(self.decks.get(case) or deck_path(case))
-        try:
-            return Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        """The deck of a case.  Raises EngineError."""
+        return Deck.read(Path(self.decks.get(case) or deck_path(case)))
 
     def info(self) -> EngineInfo:
         """Whether LAMMPS can be loaded, and which version."""
@@ -72,18 +75,16 @@ class LammpsEngine:
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
             log = Path(folder) / "log"
             arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-            for key, value in variables(setup, resolution, time_step).items():
-                arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
-            lmp = open_lammps(arguments)
+            lmp = open_lammps(arguments + input_flags(variables(setup, resolution, time_step)))
             try:
                 return _simulate(lmp, deck, setup, resolution, stride, time_step)
             except EngineError as error:
-                raise EngineError(f"{_label(setup)}: {error}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {error}{last_words(log, SAID_ALREADY)}") from error
             except Exception as error:  # the lammps package raises Exception itself
                 if type(error) is not Exception:
                     raise
                 message = f"{deck.path}: {error_message(error)}"
-                raise EngineError(f"{_label(setup)}: {message}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {message}{last_words(log, SAID_ALREADY)}") from error
             finally:
                 lmp.close()
 
@@ -132,7 +133,7 @@ def _simulate(
         max_samples=len(setup.output_times),
         ledger_speed=setup.case.numerics.ledger_speed,
         observe_pairs=setup.model.has_pairs and len(setup.state.mass) > setup.copies,
-        case=_label(setup),
+        case=label(setup),
     )
     fix.attach()
     lmp.command(f"timestep {time_step / MICRO!r}")
@@ -143,7 +144,11 @@ def _simulate(
         fix.check()
         surfaces.append(fix.heights.copy())
         pad_heights.append(fix.pad_height)
-    run = _recorded(setup, resolution, fix, surfaces, pad_heights, time_step)
+    seen = Observed(*fix.trajectory(), fix.contacts(), surfaces, pad_heights)
+    try:
+        run = observed_run(setup, resolution, seen, time_step, "lammps", version())
+    except ValueError as error:
+        raise EngineError(str(error)) from None
     if native and setup.model.has_surface:
         radii = setup.state.diameter / 2
         sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
@@ -155,67 +160,3 @@ def _simulate(
         # those of particles: the trajectory is judged.
         run.provenance["contacts"] = UNOBSERVED
     return run
-
-
-def _recorded(
-    setup: Setup,
-    resolution: Resolution,
-    fix: SlurryFix,
-    surfaces: list[np.ndarray],
-    pad_heights: list[float],
-    time_step: float,
-) -> Run:
-    """What the fix has seen, as a run."""
-    times, positions, velocities, masses = fix.trajectory()
-    if len(times) != len(setup.output_times):
-        raise EngineError(f"{len(times)} of {len(setup.output_times)} outputs were recorded")
-    contacts, state, cost = fix.contacts(), setup.state, setup.case.cost
-    removed = contacts[["time", "removed_volume", "removed_mass"]]
-    history = []
-    for k, time in enumerate(setup.output_times):
-        so_far = removed[removed["time"] <= time].sum()
-        now = replace(
-            state, position=positions[k], velocity=velocities[k], mass=masses[k], heights=surfaces[k],
-            pad_height=pad_heights[k],
-        )  # fmt: skip
-        volume, mass = float(so_far["removed_volume"]), float(so_far["removed_mass"])
-        history.append(history_row(time, now, state.heights, volume, mass, cost))
-    spacing, has_surface = setup.model.spacing, setup.model.has_surface
-    return Run(
-        case=setup.case,
-        times=setup.output_times.copy(),
-        positions=positions,
-        velocities=velocities,
-        masses=masses,
-        contacts=contacts,
-        history=pd.DataFrame(history),
-        surface_initial=Heightfield(surfaces[0], spacing) if has_surface else None,
-        surface=Heightfield(surfaces[-1], spacing) if has_surface else None,
-        diameters=state.diameter.copy(),
-        provenance={
-            **basic_provenance(setup.case, "lammps"),
-            "lammps": version(),
-            "form": resolution.form,
-            "contact_duration": resolution.contact_duration,
-            "time_step": time_step,
-            "steps": round(float(setup.output_times[-1]) / time_step),
-            "copies": setup.copies,
-            "notes": list(setup.notes),
-            "complete": True,
-        },
-    )
-
-
-def _label(setup: Setup) -> str:
-    """Case and variant, for messages."""
-    return " ".join(filter(None, (setup.case.name, setup.case.variant)))
-
-
-def _last_lines(log: Path) -> str:
-    """The end of LAMMPS's log, in one line."""
-    try:
-        lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [line for line in lines if line and not SAID_ALREADY.search(line)]
-    return f" (log: {' | '.join(lines[-LOG_LINES:])})" if lines else ""

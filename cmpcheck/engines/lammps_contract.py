@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cmpcheck.engines.lammps_library import EngineError, open_lammps, per_atom_columns
-from cmpcheck.engines.lammps_setup import Deck, create_atoms, execute, variables
+from cmpcheck.engines.lammps_setup import Deck, create_atoms, execute, input_flags, variables
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO, STATE_COLUMNS
 from cmpcheck.fixes.slurry import DEFINE_STATE
@@ -70,10 +70,7 @@ def check_deck(path: Path, setup: Setup, resolution: Resolution) -> None:
     Raises CaseError naming everything that it lacks; LAMMPS's own words where it refuses the deck.
     """
     try:
-        deck = Deck(path, path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
-    try:
+        deck = Deck.read(path)
         text = deck.definitions()
     except EngineError as error:
         raise CaseError(str(error)) from None
@@ -84,9 +81,8 @@ def check_deck(path: Path, setup: Setup, resolution: Resolution) -> None:
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
             log = Path(folder) / "log"
             arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-            for key, value in variables(tiled, resolution, resolution.time_step).items():
-                arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
-            lmp = open_lammps(arguments)
+            given = input_flags(variables(tiled, resolution, resolution.time_step))
+            lmp = open_lammps(arguments + given)
             try:
                 execute(lmp, text, path)
                 lacks = _lacks(lmp, deck, tiled)

@@ -8,25 +8,38 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import cmpcheck
+from cmpcheck.display import printable
 from cmpcheck.engines.lammps_library import EngineError, error_message, per_atom
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO, PICOGRAM
 from reference.state import Setup, State
 
-DENSITY = 1e3  # kg/m3 in pg/um3
-VISCOSITY = 1e-3  # Pa s in pg/(um us)
+
+class DeckUnits(NamedTuple):
+    """The units of a deck, in SI; lengths are um and times us, so that a speed in m/s is the same number."""
+
+    mass: float  # kg
+    density: float  # kg/m3
+    viscosity: float  # Pa s
+
+
+MICRO_UNITS = DeckUnits(PICOGRAM, 1e3, 1e-3)  # pg/um3, pg/(um us)
 
 EXTERNAL_FIX = re.compile(r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+external[ \t]+pf/callback\b.*$", re.MULTILINE)
 DRIVER_LINE = re.compile(r"^[ \t]*if[ \t]+\"\$\{driver\}", re.MULTILINE)
 QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+\d+)?([ \t]*(?:#.*)?$|")')
 NO_QUIT = "this_deck_quits"
+
+LAST, LONGEST = 3, 200  # lines of a log that are quoted, and characters of each
+SOURCE = re.compile(r" ?\(\S*src/\S+\)")
 
 
 @dataclass(frozen=True)
@@ -35,6 +48,14 @@ class Deck:
 
     path: Path
     text: str
+
+    @classmethod
+    def read(cls, path: Path) -> Deck:
+        """The deck in a file.  Raises EngineError for one that cannot be read."""
+        try:
+            return cls(path, path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
 
     @property
     def external_fix(self) -> str | None:
@@ -69,26 +90,30 @@ class Deck:
         return self.text[:end] + "\n", self.text[end:]
 
 
-def deck_path(case_name: str) -> Path:
-    """The deck that ships for a case, in a checkout or in an installed package.
+def deck_folder() -> Path:
+    """Where the decks that ship are: in a checkout or in an installed package."""
+    package = Path(cmpcheck.__file__).parent
+    folder = package / "lammps_inputs"
+    return folder if folder.is_dir() else package.parent / "lammps_inputs"
+
+
+def deck_path(case_name: str, engine: str = "") -> Path:
+    """The deck that ships for a case: in.CASE for LAMMPS, ENGINE/in.CASE for another engine.
 
     Raises EngineError when there is none.
     """
-    package = Path(cmpcheck.__file__).parent
-    folders = [package / "lammps_inputs", package.parent / "lammps_inputs"]
-    for folder in folders:
-        path = folder / f"in.{case_name}"
-        if path.is_file():
-            return path
-    names = sorted({path.name[3:] for folder in folders for path in folder.glob("in.*")})
-    raise EngineError(f"no LAMMPS deck for the case {case_name}; there are decks for {', '.join(names)}")
+    folder = deck_folder() / engine
+    path = folder / f"in.{case_name}"
+    if path.is_file():
+        return path
+    names = sorted(path.name[3:] for path in folder.glob("in.*"))
+    what = (engine or "lammps").upper()
+    raise EngineError(f"no {what} deck for the case {case_name}; there are decks for {', '.join(names)}")
 
 
 def departure_deck(name: str) -> Path:
-    """Where the deck of a known departure is, if there is one: in a checkout or in an installed package."""
-    package = Path(cmpcheck.__file__).parent
-    folder = package / "lammps_inputs"
-    return (folder if folder.is_dir() else package.parent / "lammps_inputs") / "departures" / name
+    """Where the deck of a known departure is, if there is one."""
+    return deck_folder() / "departures" / name
 
 
 def execute(lmp: Any, text: str, name: Path) -> None:
@@ -108,16 +133,18 @@ def execute(lmp: Any, text: str, name: Path) -> None:
             raise EngineError(f"{name}: {error_message(error)}".replace(str(part), str(name))) from None
 
 
-def variables(setup: Setup, resolution: Resolution, time_step: float) -> dict[str, float | str]:
-    """Values, in micro units, of the index variables that decks read; each deck uses those it declares.
+def variables(
+    setup: Setup, resolution: Resolution, time_step: float, units: DeckUnits = MICRO_UNITS
+) -> dict[str, float | str]:
+    """Values, in the deck's units, of the index variables that decks read; each deck uses those it declares.
 
-    Raises EngineError where LAMMPS's contact law cannot express the setup.
+    Raises EngineError where the contact law of LAMMPS and LIGGGHTS cannot express the setup.
     """
     model, state = setup.model, setup.state
     if model.static_friction != model.dynamic_friction:
         raise EngineError(
             f"contact.static_friction = {model.static_friction:g} and dynamic_friction = "
-            f"{model.dynamic_friction:g}: LAMMPS's contact law has one coefficient, they must be equal"
+            f"{model.dynamic_friction:g}: the engine's contact law has one coefficient, they must be equal"
         )
     z, room = state.position[:, 2], float(state.diameter.max())
     periodic = model.length_z > 0.0
@@ -133,15 +160,35 @@ def variables(setup: Setup, resolution: Resolution, time_step: float) -> dict[st
         "pair_ratio": resolution.pair_ratio,
         "steps_per_contact": min(1.0, resolution.pair_ratio) * resolution.contact_duration / time_step,
         "time_step": time_step / MICRO,
-        "effective_mass": effective_mass(state, setup.copies) / PICOGRAM,
-        "fluid_density": model.fluid_density / DENSITY,
-        "viscosity": model.viscosity / VISCOSITY,
+        "effective_mass": effective_mass(state, setup.copies) / units.mass,
+        "fluid_density": model.fluid_density / units.density,
+        "viscosity": model.viscosity / units.viscosity,
         "flow_x": model.flow_x,
         "flow_y": model.flow_y,
         "flow_z": model.flow_z,
         "wall_speed": model.wall_speed,
         "gap": model.gap / MICRO,
     }
+
+
+def input_flags(values: Mapping[str, float | str]) -> list[str]:
+    """Variables as flags of a command line: -var NAME VALUE."""
+    return [
+        word
+        for key, value in values.items()
+        for word in ("-var", key, value if isinstance(value, str) else repr(float(value)))
+    ]
+
+
+def last_words(path: Path, noise: re.Pattern[str]) -> str:
+    """The last lines of what an engine wrote, in brackets and in one line; lines with noise are left out."""
+    try:
+        lines = path.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return ""
+    told = [printable(SOURCE.sub("", line)).strip()[:LONGEST] for line in lines if not noise.search(line)]
+    told = [line for line in told if line][-LAST:]
+    return f" (log: {' | '.join(told)})" if told else ""
 
 
 def effective_mass(state: State, copies: int) -> float:

@@ -37,6 +37,7 @@ class Engine(Protocol):
     """
 
     name: str
+    surface_forms: tuple[str, ...]  # how it can resolve contacts with a surface: soft, impulse
 
     def info(self) -> EngineInfo:
         """Whether the engine is there, and which version."""

@@ -6,11 +6,12 @@ import ctypes
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from cmpcheck.engines.lammps_library import function_address, global_address
 from cmpcheck.fixes.calibration import spring
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, FORMS, OBSERVE, OPEN_COLUMNS, SOFT
-from reference.ledger import empty_ledger
+from reference.ledger import empty_ledger, ledger_frame
 from reference.state import Model
 
 PAIRS_PER_PARTICLE = 32  # listed neighbours j > i; spheres of one size have at most 6 touching ones each
@@ -91,6 +92,20 @@ class Memory:
         for name in ("modulus", "heights", "rows", "by_tag", "position", "pairs", "listed", "samples"):
             self._context[f"{name}_at"] = getattr(self, name).ctypes.data
         c.open_at, c.address = self.open_pairs.ctypes.data, self.address
+
+    def contacts(self, rows: np.ndarray | None = None) -> pd.DataFrame:
+        """Ledger rows, by default all that are kept here, as a table sorted by time and particle; SI."""
+        found = self.rows[: self.context.rows] if rows is None else rows
+        return ledger_frame(found).sort_values(["time", "i", "j", "kind"], kind="stable", ignore_index=True)
+
+    def trajectory(
+        self, samples: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times (T,), positions (T, N, 3) wrapped, full-step velocities (T, N, 3), masses (T, N); SI."""
+        found = self.samples[: self.context.samples] if samples is None else samples
+        columns = found[:, 1:].reshape(len(found), len(self.modulus), 7)
+        times, position, velocity, mass = found[:, 0], columns[..., :3], columns[..., 3:6], columns[..., 6]
+        return times.copy(), position.copy(), velocity.copy(), mass.copy()
 
     @property
     def address(self) -> int:

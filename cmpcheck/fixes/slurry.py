@@ -31,7 +31,6 @@ from cmpcheck.engines.lammps_library import EngineError, per_atom, per_atom_colu
 from cmpcheck.fixes.layout import ERRORS, FORMS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.python_driver import PythonCallback
-from reference.ledger import ledger_frame
 from reference.state import Model
 
 DEFINE_STATE = f"fix cmpcheck_state all property/atom d2_cmpcheck {STATE_COLUMNS}"
@@ -168,13 +167,11 @@ class SlurryFix:
         rows = self.memory.rows[: self.memory.context.rows]
         if self.comm is not None:
             rows = np.concatenate(self.comm.allgather(rows))
-        return ledger_frame(rows).sort_values(["time", "i", "j", "kind"], kind="stable", ignore_index=True)
+        return self.memory.contacts(rows)
 
     def trajectory(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times (T,), positions (T, N, 3) wrapped, full-step velocities (T, N, 3), masses (T, N); SI."""
         samples = self.memory.samples[: self.memory.context.samples]
         if self.comm is not None:
             samples = self.comm.bcast(samples)
-        columns = samples[:, 1:].reshape(len(samples), len(self.memory.modulus), 7)
-        times, position, velocity, mass = samples[:, 0], columns[..., :3], columns[..., 3:6], columns[..., 6]
-        return times.copy(), position.copy(), velocity.copy(), mass.copy()
+        return self.memory.trajectory(samples)

@@ -15,6 +15,7 @@ class TwoSpheres:
     """`setup` holds `copies` of the pair side by side; all numbers are SI."""
 
     name = "two_spheres"
+    surface_forms = ("native",)  # not those of the fix for LAMMPS
 
     def info(self) -> EngineInfo:
         """Always there."""

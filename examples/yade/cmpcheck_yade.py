@@ -36,6 +36,7 @@ class Yade:
     """Runs `yade` as a child process; contacts are a spring, a dashpot and a slider."""
 
     name = "yade"
+    surface_forms = ("native",)  # not those of the fix for LAMMPS
 
     def info(self) -> EngineInfo:
         """Whether the command `yade` is there, and its version."""

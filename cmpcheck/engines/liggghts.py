@@ -1,0 +1,79 @@
+"""LIGGGHTS as an engine: a setup and a deck become a run, computed in a child process.
+
+In process, through its library, because the surface has to be lowered and read again in mid-run and contacts
+are followed step by step; in a child, because any error of LIGGGHTS ends its process, and its Open MPI cannot
+be in one process with LAMMPS's MPICH.  What happens in the child is `liggghts_run.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from cmpcheck.engines.child import Child, ChildError
+from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
+from cmpcheck.engines.lammps_library import EngineError
+from cmpcheck.engines.lammps_setup import Deck, deck_path, last_words
+from cmpcheck.engines.liggghts_library import available, version
+from cmpcheck.engines.liggghts_run import SCREEN, simulate
+from cmpcheck.engines.observed import label, observed_run
+from cmpcheck.engines.protocol import Resolution
+from cmpcheck.results import EngineInfo
+from reference.recording import Run
+from reference.state import Setup
+
+TIMEOUT = 600.0  # s for one run, unless [engine.liggghts] timeout says otherwise
+NOISE = re.compile(r"WARNING! (Style|VariantSelector) collision|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$")
+
+
+class LiggghtsEngine:
+    """Runs the LIGGGHTS deck of a case, or the user's own: `decks` maps names of cases to files."""
+
+    name = "liggghts"
+    surface_forms: tuple[str, ...] = ("soft",)
+
+    def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
+        self.decks = dict(decks or {})
+
+    def info(self) -> EngineInfo:
+        """Whether LIGGGHTS is installed, and which version."""
+        found, reason = available()
+        return EngineInfo(self.name, version(), found, reason)
+
+    def run(self, setup: Setup, resolution: Resolution) -> Run:
+        """Simulate a setup.  Raises EngineError, with LIGGGHTS's own words, when that fails.
+
+        The time step is the resolution's, made a little smaller where the output times are no multiple of it.
+        """
+        refuse_rules_it_lacks(setup)
+        path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name, self.name))
+        deck = Deck.read(path)
+        stride = output_stride(setup.output_times, resolution.time_step)
+        time_step = float(setup.output_times[1]) / stride
+        child = _child(os.getpid())
+        try:
+            seen = child.call(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
+            return observed_run(setup, resolution, seen, time_step, self.name, version())
+        except (ChildError, ValueError) as error:
+            said = last_words(child.folder / SCREEN, NOISE)
+            raise EngineError(f"{label(setup)}: LIGGGHTS: {error}{said}") from None
+
+
+@cache
+def _child(process: int) -> Child:
+    """The child of this process; it stays between runs, because loading LIGGGHTS takes longer than most."""
+    return Child()
+
+
+def _timeout(setup: Setup) -> float:
+    """Seconds for one run.  Raises CaseError for a value that is not positive."""
+    table = setup.case.engine.get("liggghts", {})
+    if "timeout" not in table:
+        return TIMEOUT
+    value = setup.case.quantity(table["timeout"], "s", "engine.liggghts.timeout")
+    if not value > 0.0:
+        raise setup.case.error("engine.liggghts.timeout", table["timeout"], "allowed: > 0")
+    return value
