@@ -46,6 +46,17 @@ def compare(
     deck: Annotated[
         list[str] | None, typer.Option(metavar="CASE=FILE", help="a LAMMPS deck for a case")
     ] = None,
+    trajectory: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CASE[/VARIANT]=FILE", help="what another code computed: dump, CSV, Parquet, VTK"
+        ),
+    ] = None,
+    units: Annotated[
+        str, typer.Option(help="of trajectories that do not say them: si, cgs, micro, nano, or length=um,...")
+    ] = "",
+    time_step: Annotated[str, typer.Option(help='of the code that wrote the trajectory, "10 ps"')] = "",
+    contact_duration: Annotated[str, typer.Option(help='of its contacts, "1 ns"; 0: none')] = "",
     study: Annotated[
         list[str] | None, typer.Option(help="one to run; may be repeated; all in the full profile")
     ] = None,
@@ -68,15 +79,18 @@ def compare(
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
     from cmpcheck.suite import comparable_cases, run_suite
+    from cmpcheck.trajectories import Options, requested
     from cmpcheck.verdicts import headline
     from reference.case import load_case
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
     names = cases or ([] if study else comparable_cases(profile.value, engine or []))
-    loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
+    variants = {case.name: [v.variant for v in case.variants()] for case in map(load_case, names)}
+    loaded = {name: len(found) for name, found in variants.items()}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
     decks = _decks(deck or [], loaded)
+    files = requested(trajectory or [], variants, Options(units, time_step, contact_duration))
     _require(engine or [])
     staging = outputs.stage_report(out, force)
     try:
@@ -93,6 +107,7 @@ def compare(
                 lambda name, done, total: bars.update(tasks[name], completed=done, total=total),
                 studies,
                 RUNS,
+                files,
             )
         write_report(result, staging, designs_beside(out))
         outputs.publish_report(staging, out)
@@ -272,9 +287,10 @@ def init(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="write over an existing file")] = False,
 ) -> None:
-    """Write a case file or a deck to start from."""
+    """Write a case file or a deck to start from, the latter with what `compare --deck` needs in comments."""
+    from cmpcheck.engines.lammps_contract import contract
     from cmpcheck.engines.lammps_library import EngineError
-    from cmpcheck.engines.lammps_setup import deck_path
+    from cmpcheck.engines.lammps_setup import Deck, deck_path
     from cmpcheck.outputs import write_new
     from reference.case import CASES, CaseError, available_cases
     from reference.toml_source import nearest
@@ -285,18 +301,19 @@ def init(
         source = deck_path(case) if deck else CASES / f"{case}.toml"
     except EngineError as problem:
         raise BadInput(str(problem)) from None
-    write_new(file, source.read_text("utf-8"), force)
+    text = source.read_text("utf-8")
+    write_new(file, contract(case, Deck(source, text)) if deck else text, force)
     typer.echo(str(file))
 
 
 def _require(engines: list[str]) -> None:
     """Refuse engines that do not exist or are not on this machine."""
-    from cmpcheck.engines import ENGINES, make_engine
+    from cmpcheck.engines import engine_names, make_engine
     from reference.toml_source import nearest
 
     for name in engines:
-        if name not in ENGINES:
-            raise BadInput(f"unknown engine {name!r}: {nearest(name, ENGINES)}")
+        if name not in engine_names():
+            raise BadInput(f"unknown engine {name!r}: {nearest(name, engine_names())}")
         info = make_engine(name).info()
         if not info.available:
             raise BadInput(f"the engine {name} is missing: {info.reason}")

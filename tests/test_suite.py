@@ -125,7 +125,7 @@ def use(monkeypatch):
 
     def put(lammps, reference=None) -> None:
         engines = {"reference": reference or ReferenceEngine(), "lammps": lammps}
-        monkeypatch.setattr(suite, "ENGINES", tuple(engines))
+        monkeypatch.setattr(suite, "engine_names", lambda: tuple(engines))
         monkeypatch.setattr(suite, "make_engine", lambda name, decks=None: engines[name])
 
     return put

@@ -30,11 +30,14 @@ from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
+from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
+from reference.case import Case
 from reference.recording import Run
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
+DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
 
@@ -47,6 +50,14 @@ class LammpsEngine:
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})
 
+    def forms_of(self, case: Case) -> tuple[str, ...]:
+        """The forms of surface contact that the deck of a case can be run in: of the fix, or its own."""
+        return self.surface_forms if self._deck(case.name).external_fix else ("native",)
+
+    def _deck(self, case: str) -> Deck:
+        """The deck of a case.  Raises EngineError."""
+        return Deck.read(Path(self.decks.get(case) or deck_path(case)))
+
     def info(self) -> EngineInfo:
         """Whether LAMMPS can be loaded, and which version."""
         found, reason = available()
@@ -58,8 +69,7 @@ class LammpsEngine:
         The time step is the resolution's, made a little smaller where the output times are no multiple of it.
         """
         refuse_rules_it_lacks(setup)
-        path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
-        deck = Deck.read(path)
+        deck = self._deck(setup.case.name)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
@@ -140,7 +150,13 @@ def _simulate(
     except ValueError as error:
         raise EngineError(str(error)) from None
     if native and setup.model.has_surface:
-        lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
-        if lowest.min() < setup.state.heights.max():
-            raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
+        radii = setup.state.diameter / 2
+        sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
+        if sunk.max() > DEEPEST:
+            raise EngineError(
+                f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
+            )
+        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does
+        # those of particles: the trajectory is judged.
+        run.provenance["contacts"] = UNOBSERVED
     return run
