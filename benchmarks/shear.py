@@ -1,17 +1,16 @@
-"""The shear that all engines are timed on: its setups, what a timed run returns, and when it may be believed.
+"""The shear that all engines are timed on: its case, its setup, and the step of the soft engines.
 
-The case is `decks/shear.toml`; the runs are `shear_reference.py`, `shear_lammps.py` and `shear_liggghts.py`,
-what is made of them is `engines.py`.
+The case is `decks/shear.toml`.  The runs are `shear_reference.py`, `shear_lammps.py` and `shear_liggghts.py`,
+what they return is `outcome.py`, and what is made of them `engines.py`.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-
+from benchmarks.shear_reference import shear
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.study import contact_settings
 from reference.case import Case, load_case
@@ -20,27 +19,11 @@ from reference.state import Setup
 
 DECKS = Path(__file__).with_name("decks")
 SURFACES = ("flat", "asperities")
-PARTICLE_STEPS = 8_000_000  # of a run at the step of the soft engines: about a second where they are slow
+PARTICLE_STEPS = 8_000_000  # of a run of a soft engine: about a second where it is slow
 LEAST_STEPS = 1_500
-ENERGY_FACTOR, SHIFT_FACTOR = 1.2, 2.0  # between an engine and the median of all; `complaint` says why
-
-
-class Timed(NamedTuple):
-    """A run of the shear: how long its steps took, and where it has ended; K particles are left, SI."""
-
-    seconds: float  # wall-clock time of the steps alone
-    steps: int
-    index: np.ndarray  # (K,) of the particles, in any order
-    position: np.ndarray  # (K, 3), m
-    velocity: np.ndarray  # (K, 3), m/s
-
-
-class Outcome(NamedTuple):
-    """What must be alike in all engines at the end of a run."""
-
-    kept: int  # particles between surface and lid
-    energy: float  # kinetic energy per particle, J
-    shift: float  # mean change of height, m: the flow is level, so that contacts alone do it
+# The shear is timed once contacts have developed, for this time, in steps of 0.5 nm at most.  Until then the
+# particles are SWOLLEN, by 18 nm, so that after it none overlap: springs would push them apart, impulses do not.
+DEVELOPED, DEVELOPING_STEP, SWOLLEN = 5e-6, 0.5e-9, 1.02
 
 
 def shear_case(count: int, surface: str, steps: int | None = None) -> Case:
@@ -65,8 +48,11 @@ def shear_case(count: int, surface: str, steps: int | None = None) -> Case:
 
 
 def shear_setup(count: int, surface: str, steps: int | None = None) -> Setup:
-    """The setup of `shear_case`."""
-    return build_setup(shear_case(count, surface, steps))
+    """The setup of `shear_case`, from which all engines start: the reference has sheared it for a while."""
+    setup = build_setup(shear_case(count, surface, steps))
+    swollen = replace(setup, state=replace(setup.state, diameter=SWOLLEN * setup.state.diameter))
+    _, _, end = shear(swollen, DEVELOPING_STEP, round(DEVELOPED / DEVELOPING_STEP))
+    return replace(setup, state=replace(setup.state, position=end.position, velocity=end.velocity))
 
 
 def soft_resolution(case: Case) -> Resolution:
@@ -78,30 +64,3 @@ def soft_resolution(case: Case) -> Resolution:
 def soft_steps(setup: Setup) -> int:
     """Steps of the soft engines to the end of the shear."""
     return round(setup.end_time / soft_resolution(setup.case).time_step)
-
-
-def outcome(setup: Setup, timed: Timed) -> Outcome:
-    """Where a run has ended, as three numbers."""
-    start, z = setup.state.position[timed.index, 2], timed.position[:, 2]
-    inside = (z > 0.0) & (z < setup.state.pad_height)
-    kinetic = 0.5 * setup.state.mass[timed.index] * (timed.velocity**2).sum(axis=1)
-    return Outcome(len(np.unique(timed.index[inside])), float(kinetic.mean()), float(abs(z - start).mean()))
-
-
-def complaint(setup: Setup, found: Outcome, usual: Outcome) -> str:
-    """Why the speed of a run is not to be believed, "" if it is; `usual` are the medians of all engines.
-
-    Equal starts part after some collisions, so that ends agree as two samples of one process do.  Energy is
-    that of the flow, which the heights decide: factor ENERGY_FACTOR.  Without contacts the shift is 0 and
-    without drag several times as large, and that of 73 particles scatters by a fifth: SHIFT_FACTOR.
-    """
-    n = len(setup.state.mass)
-    if found.kept != n:
-        return f"kept {found.kept} of {n} particles"
-    for name, value, middle, factor in (
-        ("kinetic energy", found.energy, usual.energy, ENERGY_FACTOR),
-        ("change of height", found.shift, usual.shift, SHIFT_FACTOR),
-    ):
-        if not middle / factor <= value <= middle * factor:
-            return f"{name} {value:.3g}, {value / middle:.2g} times the median of the engines"
-    return ""

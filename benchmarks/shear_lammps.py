@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.shear import DECKS, Timed, soft_resolution, soft_steps
+from benchmarks.outcome import Timed
+from benchmarks.shear import DECKS, soft_resolution, soft_steps
 from cmpcheck.engines.lammps_library import open_lammps, per_atom
 from cmpcheck.engines.lammps_setup import create_atoms, execute, variables
 from cmpcheck.fixes.layout import MICRO
@@ -66,7 +67,18 @@ def loop_time(log: Path, steps: int) -> float:
 def work(job: Job, log: Path) -> Timed | None:
     """The run, in this process, one of the ranks; the first one returns its end."""
     setup, resolution, steps = job.setup, soft_resolution(job.setup.case), soft_steps(job.setup)
-    arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck", "-var", "walls", job.walls]
+    arguments = [
+        "-log",
+        str(log),
+        "-screen",
+        "none",
+        "-var",
+        "driver",
+        "cmpcheck",
+        "-var",
+        "walls",
+        job.walls,
+    ]
     values = variables(setup, resolution, resolution.time_step)
     values["lid"] = setup.state.pad_height / MICRO
     for key, value in values.items():
@@ -93,7 +105,7 @@ def work(job: Job, log: Path) -> Timed | None:
     if comm.rank > 0:
         return None
     index, position, velocity = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Timed(loop_time(log, steps), steps, index, position, velocity)
+    return Timed(loop_time(log, steps), steps, resolution.time_step, index, position, velocity)
 
 
 def _atoms(lmp: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

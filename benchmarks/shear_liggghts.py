@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.shear import DECKS, Timed, soft_resolution, soft_steps
+from benchmarks.outcome import Timed
+from benchmarks.shear import DECKS, shear_setup, soft_resolution, soft_steps
 from benchmarks.shear_lammps import TIMEOUT, loop_time
 from cmpcheck.engines.child import MPI_VARIABLES
 from cmpcheck.engines.liggghts import LiggghtsEngine
@@ -17,6 +19,7 @@ from cmpcheck.engines.liggghts_library import PROGRAM
 from cmpcheck.engines.liggghts_setup import deck_variables, write_surface
 from cmpcheck.fixes.layout import MICRO
 from reference.heightfield import Heightfield
+from reference.recording import Run
 from reference.state import Setup
 
 DECK = DECKS / "in.shear.liggghts"
@@ -50,17 +53,32 @@ def run_liggghts(setup: Setup, ranks: int, planes: bool = False) -> Timed:
             raise RuntimeError(f"LIGGGHTS has failed: {(said + done.stderr)[-500:]}")
         end = np.loadtxt(folder / "end.dump", skiprows=9, ndmin=2)
         seconds = loop_time(folder / "log", steps)
-    return Timed(seconds, steps, end[:, 0].astype(int) - 1, end[:, 1:4] * MICRO, end[:, 4:7])
+    return Timed(
+        seconds, steps, resolution.time_step, end[:, 0].astype(int) - 1, end[:, 1:4] * MICRO, end[:, 4:7]
+    )
 
 
 def run_observed(setup: Setup) -> Timed:
-    """One run by `LiggghtsEngine`, which looks at every step at which something may touch."""
-    run = LiggghtsEngine({setup.case.name: DECK}).run(setup, soft_resolution(setup.case))
-    n = len(setup.state.mass)
+    """One run by `LiggghtsEngine`, which looks at every step at which something may touch.
+
+    Raises EngineError when it fails.
+    """
+    _compile()
+    run, n = _engine_run(setup), len(setup.state.mass)
     return Timed(
-        run.provenance["stepping_seconds"], run.provenance["steps"], np.arange(n), run.positions[-1],
-        run.velocities[-1],
+        run.provenance["stepping_seconds"], run.provenance["steps"], run.provenance["time_step"],
+        np.arange(n), run.positions[-1], run.velocities[-1],
     )  # fmt: skip
+
+
+def _engine_run(setup: Setup) -> Run:
+    return LiggghtsEngine({setup.case.name: DECK}).run(setup, soft_resolution(setup.case))
+
+
+@cache
+def _compile() -> None:
+    """Let the engine's process, which stays, compile or load its kernels before they are timed."""
+    _engine_run(shear_setup(20, "asperities", 50))
 
 
 def _write_atoms(setup: Setup, z: tuple[float, float], path: Path) -> None:
@@ -70,10 +88,13 @@ def _write_atoms(setup: Setup, z: tuple[float, float], path: Path) -> None:
     tags, ones = np.arange(1, n + 1), np.ones(n)
     with path.open("w") as file:
         file.write(f"the shear\n\n{n} atoms\n2 atom types\n\n")
-        for axis, bounds in zip("xyz", ((0.0, setup.model.length_x / MICRO), (0.0, setup.model.length_y / MICRO), z)):
-            file.write(f"{bounds[0]!r} {bounds[1]!r} {axis}lo {axis}hi\n")
+        for axis, length in (("x", setup.model.length_x), ("y", setup.model.length_y)):
+            file.write(f"0 {length / MICRO!r} {axis}lo {axis}hi\n")
+        file.write(f"{z[0]!r} {z[1]!r} zlo zhi\n")
         file.write("\nAtoms\n\n")
         atoms = np.column_stack([tags, ones, state.diameter / MICRO, density, state.position / MICRO])
         np.savetxt(file, atoms, fmt=["%d", "%d", *5 * ["%.17g"]])
         file.write("\nVelocities\n\n")
-        np.savetxt(file, np.column_stack([tags, state.velocity, np.zeros((n, 3))]), fmt=["%d", *6 * ["%.17g"]])
+        np.savetxt(
+            file, np.column_stack([tags, state.velocity, np.zeros((n, 3))]), fmt=["%d", *6 * ["%.17g"]]
+        )

@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.shear import Timed
+from benchmarks.outcome import Timed
 from reference.ledger import empty_ledger
 from reference.schemes import Numerics
 from reference.state import Particles, Setup
@@ -23,7 +23,10 @@ def run_reference(setup: Setup, time_step: float) -> Timed:
     while seconds < AT_LEAST:
         once, count, particles = shear(setup, time_step)
         seconds, steps = seconds + once, steps + count
-    return Timed(seconds, steps, np.arange(len(particles.mass)), particles.position, particles.velocity)
+    return Timed(
+        seconds, steps, setup.end_time / count, np.arange(len(particles.mass)), particles.position,
+        particles.velocity,
+    )  # fmt: skip
 
 
 def shear(setup: Setup, time_step: float, most: int | None = None) -> tuple[float, int, Particles]:
