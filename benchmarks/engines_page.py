@@ -130,9 +130,9 @@ def _checks(cells: Sequence[Cell]) -> list[str]:
     found = {(cell.way, cell.surface, cell.count): cell for cell in cells}
     lines = [
         "Kinetic energy per particle and mean change of height at the end, over those of the reference at "
-        "the step of the soft engines. A speed is shown only if all particles are still there, and both differ "
-        f"by at most {100 * DIFFERENCE:.0f} % or {ERRORS:g} standard errors of the mean difference of a "
-        "particle: equal starts part after some collisions. At N = 5000 that notices missing contacts with "
+        "the step of the soft engines. A speed is shown only if all particles are still there, and both "
+        f"differ by {100 * DIFFERENCE:.0f} % or {ERRORS:g} standard errors of a particle's mean difference "
+        "at most: equal starts part after some collisions. At N = 5000 that notices missing contacts with "
         "particles, surface or lid, missing friction and another flow; another restitution it does not.",
         "",
         "| engine | ranks |" + "".join(f" {surface}, N = {n} |" for surface, n in wheres),

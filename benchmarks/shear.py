@@ -22,7 +22,7 @@ SURFACES = ("flat", "asperities")
 PARTICLE_STEPS = 8_000_000  # of a run of a soft engine: about a second where it is slow
 LEAST_STEPS = 1_500
 # The shear is timed once contacts have developed, for this time, in steps of 0.5 nm at most.  Until then the
-# particles are SWOLLEN, by 18 nm, so that after it none overlap: springs would push them apart, impulses do not.
+# particles are SWOLLEN, by 18 nm, so that after it none overlap: only springs would part them.
 DEVELOPED, DEVELOPING_STEP, SWOLLEN = 5e-6, 0.5e-9, 1.02
 
 
