@@ -107,12 +107,19 @@ def measure(
     return cells
 
 
+def positive(word: str) -> int:
+    value = int(word)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{word}: allowed: 1 and more")
+    return value
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else list(arguments)
     parser = argparse.ArgumentParser(prog="python -m benchmarks.engines", description=__doc__)
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="numbers of particles")
-    parser.add_argument("--repeats", type=int, default=REPEATS, help="of each measurement")
-    parser.add_argument("--steps", type=int, help="of the soft engines in each run")
+    parser.add_argument("--sizes", type=positive, nargs="+", default=SIZES, help="numbers of particles")
+    parser.add_argument("--repeats", type=positive, default=REPEATS, help="of each measurement")
+    parser.add_argument("--steps", type=positive, help="of the soft engines in each run")
     chosen = parser.parse_args(words)
     conditions = record.conditions(shlex.join(["python", "-m", "benchmarks.engines", *words]))
     cells = measure(chosen.sizes, chosen.repeats, steps=chosen.steps)

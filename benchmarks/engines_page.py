@@ -9,7 +9,7 @@ from typing import Any
 
 from benchmarks import record
 from benchmarks.engines_findings import findings
-from benchmarks.measurement import Cell, Way
+from benchmarks.measurement import Cell, Way, digits
 from benchmarks.outcome import DIFFERENCE, ERRORS
 
 OUTPUT = Path(__file__).with_name("engines.md")
@@ -64,8 +64,8 @@ def text(cells: Sequence[Cell], conditions: dict[str, Any]) -> str:
         "particles, which the reference has sheared for 5 µs; the soft engines take the same steps, 50 to a "
         f"contact of 12 ns. Medians of {runs} runs of each, made in turn, with the lowest and the highest: "
         "million particle-steps per second; and µs/s, the time that is simulated in a second. LAMMPS and "
-        'LIGGGHTS by itself are timed by their own "Loop time", the reference and LIGGGHTS as driven by the '
-        "wall-clock time of their steps; none of them includes setting up.",
+        'LIGGGHTS by themselves are timed by their own "Loop time", the reference and LIGGGHTS as driven by '
+        "the wall-clock time of their steps; none of them includes setting up.",
         "",
         *_circumstances(cells, conditions),
     ]
@@ -116,12 +116,12 @@ def _entry(cell: Cell) -> str:
     if not cell.measured:
         return f" {cell.way.missing or cell.problem or 'not run'} | | |".replace("\n", " ")
     low, high = cell.extremes()
-    pace = cell.middle("pace")
-    return f" {_millions(cell.middle('speed'))} | {_millions(low)} – {_millions(high)} | {pace * 1e6:.3g} |"
+    middle, pace = _millions(cell.middle("speed")), digits(1e6 * cell.middle("pace"), 3)
+    return f" {middle} | {_millions(low)} – {_millions(high)} | {pace} |"
 
 
 def _millions(speed: float) -> str:
-    return f"{speed / 1e6:.3g}"
+    return digits(speed / 1e6, 3)
 
 
 def _checks(cells: Sequence[Cell]) -> list[str]:

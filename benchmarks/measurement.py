@@ -23,6 +23,15 @@ class Way:
     missing: str = ""  # why it cannot be run here
 
 
+def digits(value: float, count: int) -> str:
+    """A number with so many significant digits, without an exponent where it is not very small.
+
+    >>> digits(162.4, 2), digits(0.04823, 3)
+    ('160', '0.0482')
+    """
+    return f"{float(f'{value:.{count}g}'):g}"
+
+
 class Measurement(NamedTuple):
     """One run."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import engines, engines_page, record
-from benchmarks.measurement import Way
+from benchmarks.measurement import Way, digits
 from benchmarks.outcome import outcome
 from benchmarks.shear import SURFACES, shear_setup, soft_resolution
 from benchmarks.shear_lammps import run_lammps
@@ -52,7 +52,7 @@ def test_the_table_is_made_of_measured_times(monkeypatch, tmp_path):
     rows = {row["engine"]: row for row in results["engines"]["runs"]}
     assert rows["a"]["particle_steps_per_s"] == pytest.approx(measured)
     table = (tmp_path / "page").read_text()
-    middle, low, high = (f"{speed / 1e6:.3g}" for speed in (0.5 * (low + high), low, high))
+    middle, low, high = (digits(speed / 1e6, 3) for speed in (0.5 * (low + high), low, high))
     assert re.search(
         rf"\| sound \| 1 \| {re.escape(middle)} \| {re.escape(low)} – {re.escape(high)} \|", table
     )
