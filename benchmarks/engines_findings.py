@@ -54,8 +54,8 @@ def findings(cells: Sequence[Cell]) -> list[str]:
         )
     if ratios := table.ratios("liggghts", "liggghts_observed"):
         lines.append(
-            "As cmpcheck drives it, looking from outside at every step at which something may touch, LIGGGHTS "
-            f"takes this many times as long as by itself: {ratios}."
+            "As cmpcheck drives it, looking from outside at every step at which something may touch, "
+            f"LIGGGHTS takes this many times as long as by itself: {ratios}."
         )
     lines += _ranks(table)
     return lines

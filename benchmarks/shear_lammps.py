@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.outcome import Timed
 from benchmarks.shear import DECKS, soft_resolution, soft_steps
 from cmpcheck.engines.lammps_library import open_lammps, per_atom
-from cmpcheck.engines.lammps_setup import create_atoms, execute, variables
+from cmpcheck.engines.lammps_setup import create_atoms, execute, input_flags, variables
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import SlurryFix
 from reference.state import Setup
@@ -81,9 +81,7 @@ def work(job: Job, log: Path) -> Timed | None:
     ]
     values = variables(setup, resolution, resolution.time_step)
     values["lid"] = setup.state.pad_height / MICRO
-    for key, value in values.items():
-        arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
-    lmp = open_lammps(arguments)
+    lmp = open_lammps(arguments + input_flags(values))
     comm = lmp.get_mpi_comm()
     execute(lmp, DECK.read_text("utf-8"), DECK)
     create_atoms(lmp, setup.state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from benchmarks.outcome import Timed
 from benchmarks.shear import DECKS, shear_setup, soft_resolution, soft_steps
 from benchmarks.shear_lammps import TIMEOUT, loop_time
 from cmpcheck.engines.child import MPI_VARIABLES
+from cmpcheck.engines.lammps_setup import input_flags
 from cmpcheck.engines.liggghts import LiggghtsEngine
 from cmpcheck.engines.liggghts_library import PROGRAM
 from cmpcheck.engines.liggghts_setup import deck_variables, write_surface
@@ -41,8 +43,7 @@ def run_liggghts(setup: Setup, ranks: int, planes: bool = False) -> Timed:
             write_surface(Heightfield(setup.state.heights, setup.model.spacing), folder / "surface.stl")
         command = [*((*LAUNCHER, str(ranks)) if ranks > 1 else ()), PROGRAM, "-in", str(DECK)]
         command += ["-log", "log", "-screen", os.devnull]  # "none" crashes with a mesh
-        for key, value in values.items():
-            command += ["-var", key, value if isinstance(value, str) else repr(float(value))]
+        command += input_flags(values)
         environment = {key: value for key, value in os.environ.items() if not key.startswith(MPI_VARIABLES)}
         done = subprocess.run(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -72,7 +73,10 @@ def run_observed(setup: Setup) -> Timed:
 
 
 def _engine_run(setup: Setup) -> Run:
-    return LiggghtsEngine({setup.case.name: DECK}).run(setup, soft_resolution(setup.case))
+    """The lid is the deck's plane here too, of which the engine need not know: it never moves."""
+    model = setup.model._replace(has_pad=False, gap=setup.state.pad_height)
+    engine = LiggghtsEngine({setup.case.name: DECK})
+    return engine.run(replace(setup, model=model), soft_resolution(setup.case))
 
 
 @cache

@@ -239,7 +239,8 @@ def figures(
 def doctor() -> None:
     """Show what is installed and what is missing.
 
-    For each engine its version, or the command that installs it; exit code 1 when anything is missing.
+    For each engine its version, or the command that installs it; exit code 1 when anything is
+    missing that is not optional.
     """
     from cmpcheck.doctor import examine
 
@@ -250,7 +251,7 @@ def doctor() -> None:
         )
         if finding.remedy:
             typer.echo(f"{'':<10} install with: {finding.remedy}")
-    raise typer.Exit(int(not all(finding.found for finding in findings)))
+    raise typer.Exit(int(not all(finding.found or finding.optional for finding in findings)))
 
 
 @command()

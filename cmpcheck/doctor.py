@@ -20,6 +20,7 @@ class Finding:
     version: str  # "" when it is missing
     problem: str = ""
     remedy: str = ""  # the command that installs it
+    optional: bool = False
 
     @property
     def found(self) -> bool:
@@ -56,7 +57,7 @@ def _liggghts() -> Finding:
     what_for = "the engine liggghts, which is optional"
     available, reason = liggghts_library.available()
     if not available:
-        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL)
+        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL, optional=True)
     return Finding("liggghts", what_for, liggghts_library.version())
 
 

@@ -1,8 +1,8 @@
 """Where on a surface an engine departs: restitution and impulse at each place, and what would explain them.
 
 A mesh wall is a set of triangles; a sphere near an edge is near two of them.  An engine that adds the forces
-of N has N springs and dashpots where the model has one.  N follows from the restitution that came out: nothing
-here knows which engine does so, or where.  The rows are judged already (`compare.py`).
+of N has N springs and dashpots where the model has one.  N follows from the restitution that came out;
+nothing here knows which engine does so, or where.  The rows are judged already (`compare.py`).
 """
 
 from __future__ import annotations

@@ -91,6 +91,7 @@ def test_doctor_names_every_engine_and_succeeds_where_nothing_is_missing():
         "lammps",
         "lmp",
         "mpiexec",
+        "liggghts",
     ]
 
 
@@ -102,6 +103,16 @@ def test_doctor_gives_the_command_for_what_is_missing_and_exits_1(monkeypatch):
     assert result.exit_code == 1
     assert "missing: LAMMPS cannot be loaded" in result.stdout
     assert f"{sys.executable} -m pip install" in result.stdout
+
+
+def test_doctor_is_content_without_liggghts_which_is_optional_but_says_how_to_get_it(monkeypatch):
+    from cmpcheck.engines import liggghts_library
+
+    monkeypatch.setattr(liggghts_library, "available", lambda: (False, "no program liggghts on the path"))
+    result = call("doctor")
+    assert result.exit_code == 0
+    assert "missing: no program liggghts on the path" in result.stdout
+    assert "apt-get install liggghts" in result.stdout
 
 
 # init

@@ -16,7 +16,16 @@ from typing import Any
 import numpy as np
 
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
-from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
+from cmpcheck.engines.lammps_setup import (
+    NO_QUIT,
+    Deck,
+    create_atoms,
+    deck_path,
+    execute,
+    input_flags,
+    last_words,
+    variables,
+)
 from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
@@ -26,7 +35,6 @@ from reference.recording import Run
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
-LOG_LINES = 3  # of LAMMPS's log, quoted when it fails
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
 
@@ -51,27 +59,22 @@ class LammpsEngine:
         """
         refuse_rules_it_lacks(setup)
         path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
-        try:
-            deck = Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        deck = Deck.read(path)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
             log = Path(folder) / "log"
             arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-            for key, value in variables(setup, resolution, time_step).items():
-                arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
-            lmp = open_lammps(arguments)
+            lmp = open_lammps(arguments + input_flags(variables(setup, resolution, time_step)))
             try:
                 return _simulate(lmp, deck, setup, resolution, stride, time_step)
             except EngineError as error:
-                raise EngineError(f"{label(setup)}: {error}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {error}{last_words(log, SAID_ALREADY)}") from error
             except Exception as error:  # the lammps package raises Exception itself
                 if type(error) is not Exception:
                     raise
                 message = f"{deck.path}: {error_message(error)}"
-                raise EngineError(f"{label(setup)}: {message}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {message}{last_words(log, SAID_ALREADY)}") from error
             finally:
                 lmp.close()
 
@@ -141,13 +144,3 @@ def _simulate(
         if lowest.min() < setup.state.heights.max():
             raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
     return run
-
-
-def _last_lines(log: Path) -> str:
-    """The end of LAMMPS's log, in one line."""
-    try:
-        lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [line for line in lines if line and not SAID_ALREADY.search(line)]
-    return f" (log: {' | '.join(lines[-LOG_LINES:])})" if lines else ""

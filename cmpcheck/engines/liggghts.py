@@ -16,7 +16,7 @@ from pathlib import Path
 from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
 from cmpcheck.engines.lammps_library import EngineError
-from cmpcheck.engines.lammps_setup import Deck, deck_path
+from cmpcheck.engines.lammps_setup import Deck, deck_path, last_words
 from cmpcheck.engines.liggghts_library import available, version
 from cmpcheck.engines.liggghts_run import SCREEN, simulate
 from cmpcheck.engines.observed import label, observed_run
@@ -26,7 +26,6 @@ from reference.recording import Run
 from reference.state import Setup
 
 TIMEOUT = 600.0  # s for one run, unless [engine.liggghts] timeout says otherwise
-LINES = 3  # of what LIGGGHTS said, quoted when it fails
 NOISE = re.compile(r"WARNING! (Style|VariantSelector) collision|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$")
 
 
@@ -51,10 +50,7 @@ class LiggghtsEngine:
         """
         refuse_rules_it_lacks(setup)
         path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name, self.name))
-        try:
-            deck = Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        deck = Deck.read(path)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         child = _child(os.getpid())
@@ -62,7 +58,7 @@ class LiggghtsEngine:
             seen = child.call(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
             return observed_run(setup, resolution, seen, time_step, self.name, version())
         except (ChildError, ValueError) as error:
-            said = _last_lines(child.folder / SCREEN)
+            said = last_words(child.folder / SCREEN, NOISE)
             raise EngineError(f"{label(setup)}: LIGGGHTS: {error}{said}") from None
 
 
@@ -81,13 +77,3 @@ def _timeout(setup: Setup) -> float:
     if not value > 0.0:
         raise setup.case.error("engine.liggghts.timeout", table["timeout"], "allowed: > 0")
     return value
-
-
-def _last_lines(screen: Path) -> str:
-    """The end of what LIGGGHTS said, in one line."""
-    try:
-        lines = [line.strip() for line in screen.read_text("utf-8", "replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [re.sub(r" \(\S*src/\S+\)", "", line) for line in lines if line and not NOISE.search(line)]
-    return f" (said: {' | '.join(lines[-LINES:])})" if lines else ""

@@ -53,6 +53,13 @@ from reference.exact.wall import (
     removing_impact,
     wall_impact,
 )
+from reference.exact.wear import (
+    finnie_angle,
+    finnie_contact,
+    finnie_contact_excess,
+    finnie_contact_quadrature,
+    finnie_impact,
+)
 
 __all__ = [
     "BounceTrain",
@@ -76,6 +83,11 @@ __all__ = [
     "drag_coefficient",
     "drag_motion",
     "drop_onto_heightfield",
+    "finnie_angle",
+    "finnie_contact",
+    "finnie_contact_excess",
+    "finnie_contact_quadrature",
+    "finnie_impact",
     "first_touch",
     "fixed_point_ratio",
     "hertz_duration",
