@@ -104,16 +104,22 @@ class _Watched:
         self.liggghts.command("thermo_style custom step")
         self.liggghts.command("run 0 post no")
         surfaces, pad_heights = [setup.state.heights], [setup.state.pad_height]
+        begin = perf_counter()
         self._look()
         for k in range(1, len(setup.output_times)):
             while self.step < k * self.stride:
                 self._advance(k * self.stride - self.step)
             surfaces.append(self.memory.heights.copy())
             pad_heights.append(float(c.pad_height))
+        stepping = perf_counter() - begin
         times, positions, velocities, masses = self.memory.trajectory()
         return Observed(
             times, positions, velocities, masses, self.memory.contacts(), surfaces, pad_heights,
-            {"surface_read_again": self.reread, "surface_read_seconds": self.reread_seconds},
+            {
+                "surface_read_again": self.reread,
+                "surface_read_seconds": self.reread_seconds,
+                "stepping_seconds": stepping,
+            },
         )  # fmt: skip
 
     def _advance(self, most: int) -> None:
