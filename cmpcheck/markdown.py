@@ -9,7 +9,7 @@ from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, quantity_text, ratio_text, words
 from cmpcheck.page import printed_row, tally_text
 from cmpcheck.results import CaseResult, Comparison, Ensemble, StudyResult, SuiteResult
-from cmpcheck.study_page import printed_tables
+from cmpcheck.study_page import printed_table, printed_tables
 
 _PARTS = (
     ("1 Verification: does the reference solve the paper's equations?", "1"),
@@ -79,6 +79,8 @@ def _case(case: CaseResult, part: str) -> list[str]:
     first = part == min(map(verdicts.part_of, case.comparisons), default="1")
     lines += [item for note in case.notes if first for item in ("", plain(note))]
     lines += [line for ensemble in ensembles for line in _ensemble(ensemble)]
+    for table in map(printed_table, case.tables if part == "2" else []):
+        lines += ["", f"{plain(table.caption)}.", "", *_table(table.header, table.rows)]
     if rows:
         lines += ["", f"{len(rows)} comparison{'s' * (len(rows) > 1)}: {tally_text(rows)}.", "", *_rows(rows)]
     if convergences:

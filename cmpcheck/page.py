@@ -19,7 +19,7 @@ from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
 from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
-from cmpcheck.study_page import printed_studies
+from cmpcheck.study_page import PrintedTable, printed_studies, printed_table
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
 ROWS_SHOWN = 6  # a longer table shows its worst rows and folds the rest
@@ -77,6 +77,7 @@ class Block:
     tally: str
     panels: list[Panel] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    tables: list[PrintedTable] = field(default_factory=list)  # in part 2
     ensembles: list[EnsembleBlock] = field(default_factory=list)  # in part 3
     first: bool = True  # the first part in which the case stands, where its notes are shown
 
@@ -182,6 +183,7 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
         )  # fmt: skip
         block.first = part == min(map(verdicts.part_of, case.comparisons), default=part)
         _draw(block, traces, convergences)
+        block.tables = [printed_table(table) for table in case.tables] if part == "2" else []
         block.ensembles = [_ensemble(e, f"e{block.number}.{k}") for k, e in enumerate(ensembles)]
         blocks.append(block)
     return blocks

@@ -185,22 +185,6 @@ class Illustration:
     png: str  # base64
 
 
-@dataclass
-class CaseResult:
-    """All that was found for one case."""
-
-    name: str
-    title: str
-    sentence: str  # the physics in one sentence
-    equations: str
-    comparisons: list[Comparison] = field(default_factory=list)
-    convergences: list[Convergence] = field(default_factory=list)
-    traces: list[Trace] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    ensembles: list[Ensemble] = field(default_factory=list)
-
-
 class Estimate(NamedTuple):
     """A mean over samples and its standard error, in the unit of its column."""
 
@@ -245,6 +229,23 @@ class Table:
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[str | float | Estimate, ...], ...]
+
+
+@dataclass
+class CaseResult:
+    """All that was found for one case."""
+
+    name: str
+    title: str
+    sentence: str  # the physics in one sentence
+    equations: str
+    comparisons: list[Comparison] = field(default_factory=list)
+    convergences: list[Convergence] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    ensembles: list[Ensemble] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)  # findings about the case, shown with other engines
 
 
 @dataclass(frozen=True)

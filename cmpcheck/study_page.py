@@ -23,7 +23,7 @@ class PrintedTable(NamedTuple):
     header: list[str]
     rows: list[list[str]]
     numeric: list[bool]  # by column
-    file: str  # its CSV file in data/studies/
+    file: str  # its CSV file in data/studies/, "" if it has none
 
 
 class PrintedStudy(NamedTuple):
@@ -57,10 +57,11 @@ def printed_studies(result: SuiteResult) -> list[PrintedStudy]:
 
 def printed_tables(study: StudyResult) -> list[PrintedTable]:
     """The study's tables with every cell as text."""
-    return [_printed(table, file) for table, file in zip(study.tables, csv_names(study), strict=True)]
+    return [printed_table(table, file) for table, file in zip(study.tables, csv_names(study), strict=True)]
 
 
-def _printed(table: Table, file: str) -> PrintedTable:
+def printed_table(table: Table, file: str = "") -> PrintedTable:
+    """A table with every cell as text; `file` is its CSV, "" if there is none."""
     header, cells, numeric = [], [], []
     for k, column in enumerate(table.columns):
         name, texts = _column(column, [row[k] for row in table.rows])

@@ -24,6 +24,7 @@ from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
+from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.results import (
     CaseResult,
@@ -44,7 +45,7 @@ from reference.process import build_setup
 Progress = Callable[[str, int, int], None]  # case or study, tasks done, tasks in all
 REFERENCE_TRACES = ("exact", "reference")
 ENSEMBLE_FORMS = ("impulse", "soft")  # of the contacts with surface and pad
-NO_TABLE = "the case has no [engine.{}] with contact_duration and steps_per_contact"
+NO_TABLE = "the case has no [engine.{0}] with contact_duration and steps_per_contact"
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Task:
     folder: Path  # for run folders
     decks: dict[str, Path]
     form: str = ""  # of ensembles: one of ENSEMBLE_FORMS, a task each
+    asked: bool = False  # the engines were asked for by name
 
     @property
     def cost(self) -> float:
@@ -82,13 +84,21 @@ class Outcome:
     seconds: float = 0.0
 
 
-def comparable_cases(profile: str) -> list[str]:
+def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
     """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them.
 
-    Ensembles, whose verdict needs minutes of samples, are compared by default in the full profile only.
+    With `engines`, those that say so for one of them.  Ensembles, whose verdict needs minutes of samples, are
+    compared by default in the full profile only.
     """
+    others = set(engines) - {"reference"}
     cases = [load_case(name) for name in available_cases()]
-    return [case.name for case in cases if case.engine and (profile == "full" or not is_ensemble(case))]
+    return [
+        case.name
+        for case in cases
+        if case.engine
+        and (not others or others & set(case.engine))
+        and (profile == "full" or not is_ensemble(case))
+    ]
 
 
 def is_ensemble(case: Case) -> bool:
@@ -135,7 +145,7 @@ def run_suite(
                 if name in variant.engine:
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
             tasks += [
-                Task(case, k, others, profile, folder / "data", decks or {}, form)
+                Task(case, k, others, profile, folder / "data", decks or {}, form, engines is not None)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
@@ -150,6 +160,7 @@ def run_suite(
     versions = {info.name: info.version for info in infos if info.available}
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
+        found.tables = contact_places(found.comparisons)
     result = SuiteResult(profile, infos, results, provenance.collect(loaded))
     try:
         result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
@@ -236,10 +247,10 @@ def run_task(task: Task) -> Outcome:
     _keep(task, ours)
     for name in task.engines:
         if name not in case.engine:
-            outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
+            _leave_out(task, name, outcome)
             continue
         other = make_engine(name, task.decks)
-        for form in ("soft", "impulse") if judge.has_surface_contact else ("native",):
+        for form in other.surface_forms if judge.has_surface_contact else ("native",):
             try:
                 theirs = engine_study(other, judge, setup, task.profile, form)
                 if horizon is not None:
@@ -260,12 +271,21 @@ def run_task(task: Task) -> Outcome:
     return outcome
 
 
+def _leave_out(task: Task, engine: str, outcome: Outcome) -> None:
+    """Say that a case does not tell how to resolve it; a row only for an engine that was asked for."""
+    reason = NO_TABLE.format(engine)
+    if task.asked:
+        outcome.comparisons.append(_failed(task, engine, reason, "not_tested"))
+    else:
+        outcome.notes.append(f"Not compared with {engine}: {reason}.")
+
+
 def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
     """Compare samples of a polishing case, whose trajectories part too early to be compared, in one form."""
     for name in task.engines:
         if name not in case.engine:
             if task.form == ENSEMBLE_FORMS[0]:
-                outcome.comparisons.append(_failed(task, name, NO_TABLE.format(name), "not_tested"))
+                _leave_out(task, name, outcome)
             continue
         engines = make_engine("reference"), make_engine(name, task.decks)
         folder = task.folder / case.name / case.variant

@@ -11,7 +11,7 @@ ENGINES = ("reference", "lammps", "liggghts")
 
 
 def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
-    """The engine of that name; `decks` replaces the decks that ship, by case.
+    """The engine of that name; `decks` replaces the LAMMPS decks that ship, by case.
 
     Raises ValueError for a name that is not in ENGINES.
     """
@@ -24,5 +24,5 @@ def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
     if name == "liggghts":
         from cmpcheck.engines.liggghts import LiggghtsEngine
 
-        return LiggghtsEngine(decks or {})
+        return LiggghtsEngine()
     raise ValueError(f"unknown engine {name!r}; allowed: {', '.join(ENGINES)}")

@@ -34,6 +34,7 @@ class LammpsEngine:
     """Runs the deck of a case, or the user's own: `decks` maps names of cases to files."""
 
     name = "lammps"
+    surface_forms: tuple[str, ...] = ("soft", "impulse")
 
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})

@@ -34,7 +34,7 @@ class LiggghtsEngine:
     """Runs the LIGGGHTS deck of a case, or the user's own: `decks` maps names of cases to files."""
 
     name = "liggghts"
-    surface_forms = ("soft",)
+    surface_forms: tuple[str, ...] = ("soft",)
 
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})

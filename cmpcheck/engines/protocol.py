@@ -29,6 +29,7 @@ class Engine(Protocol):
     """A code that simulates setups."""
 
     name: str
+    surface_forms: tuple[str, ...]  # how it can resolve contacts with a surface: soft, impulse
 
     def info(self) -> EngineInfo:
         """Whether the engine is there, and which version."""

@@ -16,6 +16,7 @@ class ReferenceEngine:
     """Runs `reference.simulation` with the resolution's time step."""
 
     name = "reference"
+    surface_forms: tuple[str, ...] = ("impulse",)
 
     def info(self) -> EngineInfo:
         """Always available."""

@@ -28,7 +28,9 @@ from cmpcheck.fixes.layout import (
     TUNNELLED,
     VELOCITY,
 )
-from cmpcheck.fixes.pairs import SKIN
+from cmpcheck.fixes.pairs import SKIN, observe_pairs
+from cmpcheck.fixes.particles import remove_in_order
+from cmpcheck.fixes.samples import is_sampled, store_sample
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, record_surface_impact
 from reference.compiled import kernel
@@ -40,6 +42,8 @@ from reference.timestep import wrap
 # Columns of a contact with a native wall: those of the fix, then its impulse on the particle, N s.
 WALL_IMPULSE = CONTACT_COLUMNS
 WALL_COLUMNS = WALL_IMPULSE + 3
+
+UPRIGHT = 1e-4  # square of the sine below which a normal counts as vertical: 0.6 degrees
 
 # Columns of `units`: the engine's units of length, velocity, force and mass in SI.
 LENGTH, SPEED, FORCE_UNIT, MASS_UNIT = range(4)
@@ -72,6 +76,27 @@ def collect_native(c, step, units, tags, x, v, f, wall, radius, mass, by_tag):
 
 
 @kernel
+def split_off_pad(c, p, touch):
+    """Leave in FIX_FORCE the surface's part of a force that the pad may share; the pad's goes to PAIR_FORCE.
+
+    The pad pushes straight down and the surface along its normal, which tells them apart; where that is
+    vertical too, the surface's spring tells.
+    """
+    found, overlap, nx, ny, nz = touch
+    if not c.model.has_pad or p[POSITION + 2] + p[RADIUS] <= c.pad_height:
+        return
+    push = 0.0
+    if found and overlap > 0.0:
+        wx, wy = p[FIX_FORCE], p[FIX_FORCE + 1]
+        level = nx * nx + ny * ny
+        push = (wx * nx + wy * ny) / level if level > UPRIGHT else p[MASS] * c.spring * overlap
+    for axis, n in enumerate((nx, ny, nz)):
+        surface = max(push, 0.0) * n
+        p[PAIR_FORCE + axis] += p[FIX_FORCE + axis] - surface
+        p[FIX_FORCE + axis] = surface
+
+
+@kernel
 def follow_wall(c, step, tag, p, modulus, heights, contact, rows):
     """Follow one particle's contact with the surface through this step; return the mass it has gained, kg.
 
@@ -85,6 +110,7 @@ def follow_wall(c, step, tag, p, modulus, heights, contact, rows):
     )
     if overlap > 2.0 * p[RADIUS]:
         return -float(TUNNELLED)
+    split_off_pad(c, p, (found, overlap, nx, ny, nz))
     mass, row = p[MASS], contact[:PHASE]
     wx, wy, wz = p[FIX_FORCE], p[FIX_FORCE + 1], p[FIX_FORCE + 2]
     v_free = (
@@ -140,10 +166,32 @@ def follow_walls(c, step, units, tags, v, mass, by_tag, modulus, heights, contac
 
 
 @kernel
-def steps_without_contact(c, by_tag, heights, contacts):
+def look(
+    c, step, units, tags, x, v, f, wall, radius, mass, by_tag, modulus, heights, contacts, rows, position,
+    pairs, listed, open_pairs, samples,
+):  # fmt: skip
+    """Follow all contacts, lower the surface and store a sample, at a step; return whether that failed.
+
+    Arrays as `collect_native`, `follow_walls`, `pairs.observe_pairs` and `samples.store_sample` take them.
+    """
+    collect_native(c, step, units, tags, x, v, f, wall, radius, mass, by_tag)
+    first = c.rows
+    if c.model.has_surface and c.error == NO_ERROR:
+        follow_walls(c, step, units, tags, v, mass, by_tag, modulus, heights, contacts, rows)
+        remove_in_order(c, heights, rows, first, c.rows)
+    if c.observe_pairs and c.error == NO_ERROR:
+        observe_pairs(c, step, by_tag, modulus, position, pairs, listed, open_pairs, rows)
+    if is_sampled(c, step) and c.error == NO_ERROR:
+        store_sample(c, step, by_tag, samples)
+    return c.error != NO_ERROR
+
+
+@kernel
+def steps_without_contact(c, by_tag, known, contacts):
     """How many steps surely pass before anything can touch; 1 where something touches, or may at the next.
 
-    Bounded by the gaps and the largest speed, which a flow cannot raise above its own.
+    Bounded by the gaps and the largest speed, which a flow cannot raise above its own.  `known` (nx, ny) are
+    the heights as the engine has them: the surface only falls, so what is lower by now is further away.
     """
     model, n = c.model, by_tag.shape[0]
     fastest = 0.0
@@ -157,15 +205,16 @@ def steps_without_contact(c, by_tag, heights, contacts):
         square = p[VELOCITY] ** 2 + p[VELOCITY + 1] ** 2 + p[VELOCITY + 2] ** 2
         fastest, largest = max(fastest, math.sqrt(square)), max(largest, p[RADIUS])
     room = SEARCH_MARGIN * largest
+    highest = known.max() if model.has_surface else 0.0
     for i in range(n):
         p = by_tag[i]
         if contacts[i, PHASE] != FREE:
             return 1
-        if not model.has_surface or p[POSITION + 2] - p[RADIUS] > c.highest + room:
+        if not model.has_surface or p[POSITION + 2] - p[RADIUS] > highest + room:
             continue
         reach = p[RADIUS] + room
         found, overlap, _, _, _, _, _, _, _ = surface_contact(
-            heights, model.spacing, p[POSITION], p[POSITION + 1], p[POSITION + 2], reach
+            known, model.spacing, p[POSITION], p[POSITION + 1], p[POSITION + 2], reach
         )
         if found:
             room = min(room, room - overlap)  # overlap of the enlarged sphere
@@ -179,17 +228,17 @@ def steps_without_contact(c, by_tag, heights, contacts):
 
 
 @kernel
-def approaches_stale(c, by_tag, heights, contacts, stale):
-    """Whether a particle may touch the surface at the next step where `stale` (nx, ny) marks a lowered node."""
-    model = c.model
+def approaches_stale(c, by_tag, known, contacts, heights):
+    """Whether a particle may touch next where the surface is lower than the engine knows; (nx, ny) each."""
+    model, highest = c.model, known.max()
     for i in range(by_tag.shape[0]):
         p = by_tag[i]
-        if contacts[i, PHASE] != FREE or p[POSITION + 2] - p[RADIUS] > c.highest + SEARCH_MARGIN * p[RADIUS]:
+        if contacts[i, PHASE] != FREE or p[POSITION + 2] - p[RADIUS] > highest + SEARCH_MARGIN * p[RADIUS]:
             continue
         speed = math.sqrt(p[VELOCITY] ** 2 + p[VELOCITY + 1] ** 2 + p[VELOCITY + 2] ** 2)
         reach = p[RADIUS] + 3.0 * speed * c.time_step
         found, _, nx, ny, nz, _, _, _, _ = surface_contact(
-            heights, model.spacing, p[POSITION], p[POSITION + 1], p[POSITION + 2], reach
+            known, model.spacing, p[POSITION], p[POSITION + 1], p[POSITION + 2], reach
         )
         if not found or p[VELOCITY] * nx + p[VELOCITY + 1] * ny + p[VELOCITY + 2] * nz >= 0.0:
             continue
@@ -198,9 +247,17 @@ def approaches_stale(c, by_tag, heights, contacts, stale):
             for k in range(
                 math.floor((p[POSITION + 1] - reach) / h), math.ceil((p[POSITION + 1] + reach) / h) + 1
             ):
-                if stale[j % stale.shape[0], k % stale.shape[1]]:
+                node = j % known.shape[0], k % known.shape[1]
+                if heights[node] != known[node]:
                     return True
     return False
+
+
+@kernel
+def plan_steps(c, by_tag, known, contacts, heights):
+    """How many steps may be made unseen, at least 1, and whether the engine has to read `heights` before."""
+    steps = steps_without_contact(c, by_tag, known, contacts)
+    return steps, steps == 1 and c.model.has_surface and approaches_stale(c, by_tag, known, contacts, heights)
 
 
 @kernel

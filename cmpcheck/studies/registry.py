@@ -29,6 +29,7 @@ from cmpcheck.studies import (
     particle_speed,
     polish_full,
     preston,
+    remeshing,
     spacing,
     threshold,
     time_step,
@@ -43,9 +44,15 @@ STUDIES: dict[str, StudyFunction] = {  # as they stand in the report
     "acceleration": acceleration.study,
     "threshold": threshold.study,
     "fine_abrasive": fine_abrasive.study,
+    "remeshing": remeshing.study,
     "polish_full": polish_full.study,
 }
-LONGEST_FIRST = ("polish_full", "time_step", "particle_speed")  # begun in this order, before the others
+LONGEST_FIRST = (
+    "polish_full",
+    "remeshing",
+    "time_step",
+    "particle_speed",
+)  # begun in this order, before the others
 
 
 @dataclass(frozen=True)
