@@ -67,13 +67,12 @@ def compare(
     from cmpcheck import outputs
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
-    from cmpcheck.suite import comparable_cases, run_suite
+    from cmpcheck.suite import comparable_cases, run_suite, tasks_by_case
     from cmpcheck.verdicts import headline
-    from reference.case import load_case
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
     names = cases or ([] if study else comparable_cases(profile.value, engine or []))
-    loaded = {case.name: len(case.variants()) for case in map(load_case, names)}
+    loaded = tasks_by_case(names)
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
     decks = _decks(deck or [], loaded)
@@ -256,10 +255,13 @@ def doctor() -> None:
 @command()
 def cases() -> None:
     """List the cases that ship, a sentence each."""
+    from cmpcheck.published import benchmark_names, load_benchmark
     from reference.case import available_cases, load_case
 
     for name in available_cases():
         typer.echo(f"{name:<16} {load_case(name).case.description}")
+    for name in benchmark_names():
+        typer.echo(f"{name:<16} {load_benchmark(name).sentence}")
 
 
 @command()

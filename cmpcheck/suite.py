@@ -26,6 +26,9 @@ from cmpcheck.judges import judge_of
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
+from cmpcheck.published import benchmark_names, load_benchmark
+from cmpcheck.published.judge import failed_row
+from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmark
 from cmpcheck.results import (
     CaseResult,
     Comparison,
@@ -88,17 +91,30 @@ def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
     """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them.
 
     With `engines`, those that say so for one of them.  Ensembles, whose verdict needs minutes of samples, are
-    compared by default in the full profile only.
+    compared by default in the full profile only.  Benchmarks of the field, which engines alone run, follow.
     """
     others = set(engines) - {"reference"}
     cases = [load_case(name) for name in available_cases()]
-    return [
+    names = [
         case.name
         for case in cases
         if case.engine
         and (not others or others & set(case.engine))
         and (profile == "full" or not is_ensemble(case))
     ]
+    return names + (benchmark_names() if not engines or others & set(RUNNERS) else [])
+
+
+def tasks_by_case(names: Sequence[str]) -> dict[str, int]:
+    """Each case's own name, and how many tasks it is.  Raises CaseError for what is no case."""
+    counts = {}
+    for name in names:
+        if name in benchmark_names():
+            counts[name] = 1
+        else:
+            case = load_case(name)
+            counts[case.name] = len(case.variants())
+    return counts
 
 
 def is_ensemble(case: Case) -> bool:
@@ -125,7 +141,8 @@ def run_suite(
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
-    loaded = [load_case(name) for name in cases]
+    published = [name for name in cases if name in benchmark_names()]
+    loaded = [load_case(name) for name in cases if name not in published]
     for name, count in Counter(case.name for case in loaded).items():
         if count > 1:
             raise CaseError(f"{name}: {count} files with this case.name; allowed: a name of its own for each")
@@ -157,11 +174,17 @@ def run_suite(
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
+    results += _run_benchmarks(
+        [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published], jobs, progress
+    )
     versions = {info.name: info.version for info in infos if info.available}
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
-        found.tables = contact_places(found.comparisons)
-    result = SuiteResult(profile, infos, results, provenance.collect(loaded))
+        found.tables += contact_places(found.comparisons) if found.name not in published else []
+    origin = provenance.collect(loaded)
+    if published:
+        origin["benchmarks"] = {name: {"digest": load_benchmark(name).digest} for name in published}
+    result = SuiteResult(profile, infos, results, origin)
     try:
         result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
     except Exception as problem:  # pictures must not cost the comparisons
@@ -175,6 +198,24 @@ def run_suite(
     result.studies = run_studies(studies, profile, runs, jobs, keep)
     result.seconds = time.perf_counter() - begin
     return result
+
+
+def _run_benchmarks(tasks: list[BenchmarkTask], jobs: int, progress: Progress | None) -> list[CaseResult]:
+    """What was found for each benchmark, in order; one that failed as a whole is an error of each engine."""
+    results = {}
+    for task, future in run_tasks(run_benchmark, tasks, jobs):
+        problem, benchmark = problem_of(future), load_benchmark(task.name)
+        results[task.name] = (
+            CaseResult(
+                task.name, benchmark.title, benchmark.sentence, "",
+                [failed_row(benchmark, "", engine, problem) for engine in task.engines],
+            )
+            if problem
+            else future.result()
+        )  # fmt: skip
+        if progress is not None:
+            progress(task.name, 1, 1)
+    return [results[task.name] for task in tasks]
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:

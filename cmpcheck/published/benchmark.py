@@ -81,6 +81,7 @@ class Points(Section):
     at: tuple[Number, ...]  # values of the sweep
     values: tuple[Number, ...]
     floor: Positive  # of the digitisation, in the quantity's unit
+    reach: NotNegative = 0.0  # of the reading along the sweep, in its unit; 0: contained in the floor
     source: Text
 
     @model_validator(mode="after")
@@ -88,6 +89,12 @@ class Points(Section):
         if len(self.at) != len(self.values):
             raise Refusal(("values",), len(self.values), f"allowed: as many as `at` has, {len(self.at)}")
         return self
+
+    def uncertainty(self, index: int) -> float:
+        """What a point is known to: the floor, and the reach times the steeper slope to its neighbours."""
+        pairs = [(k, k + 1) for k in (index - 1, index) if 0 <= k < len(self.at) - 1]
+        slopes = [abs((self.values[b] - self.values[a]) / (self.at[b] - self.at[a])) for a, b in pairs]
+        return self.floor + self.reach * max(slopes, default=0.0)
 
 
 class Benchmark(Section):

@@ -72,6 +72,8 @@ class Law:
     hertz: bool
     friction: float
     restitution: float
+    radius: float  # m
+    shortening: float = 0.0  # of the arm r - shortening * d at which friction turns the sphere
 
     @property
     def damping(self) -> float:
@@ -112,53 +114,51 @@ def oblique_impact(law: Law, normal_speed: float, tangential_speed: float) -> Re
 
     Parameters: speeds before, m/s, along the wall >= 0.  Raises RuntimeError when the integration fails.
     """
-    m_t = 1.0 + 1.0 / INERTIA  # a force at the contact changes its velocity by that much more than the centre's
     deepest = (
         (1.25 * normal_speed**2 / law.stiffness) ** 0.4
         if law.hertz
         else normal_speed / math.sqrt(law.stiffness)
     )
-    d = START * deepest
-    # depth, its rate, velocity of the contact, displacement held by friction
-    y = np.array([d, normal_speed, tangential_speed, tangential_speed * d / normal_speed])
-    sign = 0.0  # stick; +-1: slip that pushes xi to that side
-    if abs(y[3]) > law.limit(d, normal_speed):
-        sign = math.copysign(1.0, y[3])
+    r, d = law.radius, START * deepest
+
+    def slip(y: np.ndarray) -> float:
+        return float(y[2] - (1.0 - law.shortening * y[0] / r) * y[3])
 
     def rates(_: float, y: np.ndarray, sign: float) -> list[float]:
-        d, v, u, xi = max(y[0], 0.0), y[1], y[2], y[3]
+        d, v = max(y[0], 0.0), y[1]
         f = law.normal_force(d, v)
-        pull = sign * law.friction * abs(f) if sign else law.shear_stiffness(d) * xi
-        return [v, -f, -m_t * pull, u if not sign else 0.0]
+        pull = sign * law.friction * abs(f) if sign else law.shear_stiffness(d) * y[4]
+        turn = pull * (1.0 - law.shortening * d / r) / INERTIA
+        return [v, -f, -pull, turn, 0.0 if sign else slip(y)]
 
     def left(_: float, y: np.ndarray, sign: float) -> float:
         return float(y[0])
 
     def switch(_: float, y: np.ndarray, sign: float) -> float:
-        d, v, u, xi = max(y[0], 1e-30), y[1], y[2], y[3]
-        return abs(xi) - law.limit(d, v) if not sign else law.limit_rate(d, v) - sign * u
+        d, v = max(y[0], 1e-9 * START * deepest), y[1]
+        return law.limit_rate(d, v) - sign * slip(y) if sign else abs(y[4]) - law.limit(d, v)
 
     left.terminal, left.direction = True, -1  # type: ignore[attr-defined]
     switch.terminal, switch.direction = True, 1  # type: ignore[attr-defined]
-    span = 20.0 * deepest / normal_speed
-    scale = np.array([deepest, normal_speed, max(abs(tangential_speed), 1e-3 * normal_speed), deepest])
-    t = 0.0
+    # depth, its rate, velocity along the wall, r omega, and the displacement that friction holds
+    y = np.array([d, normal_speed, tangential_speed, 0.0, tangential_speed * d / normal_speed])
+    sign = 1.0 if y[4] > law.limit(d, normal_speed) else 0.0  # +-1: slips, held to that side; 0: sticks
+    along = max(tangential_speed, 1e-3 * normal_speed)
+    scale = np.array([deepest, normal_speed, along, along, deepest])
+    t, unit = 0.0, deepest / normal_speed
     for _ in range(SWITCHES):
         done = solve_ivp(
-            rates, (t, span), y, "DOP853", events=(left, switch), rtol=1e-10, atol=1e-13 * scale,
-            args=(sign,), max_step=0.05 * deepest / normal_speed,
+            rates, (t, 20.0 * unit), y, "DOP853", events=(left, switch), rtol=1e-10, atol=1e-13 * scale,
+            args=(sign,), max_step=0.05 * unit,
         )  # fmt: skip
         if not done.success or done.status != 1:
             raise RuntimeError(f"the impact does not end: {done.message}")
         t, y = float(done.t[-1]), done.y[:, -1]
         if len(done.t_events[0]):
-            change = (tangential_speed - y[2]) / m_t
-            after = tangential_speed - change
-            e_t = after / tangential_speed if tangential_speed else math.nan
-            return Rebound(-y[1] / normal_speed, e_t, change / INERTIA, y[2])
-        held = law.limit(y[0], y[1])
+            e_t = y[2] / tangential_speed if tangential_speed else math.nan
+            return Rebound(-y[1] / normal_speed, e_t, float(y[3]), float(y[2] - y[3]))
         if sign:
-            y[3], sign = sign * held, 0.0
+            y[4], sign = sign * law.limit(y[0], y[1]), 0.0
         else:
-            sign = math.copysign(1.0, y[3])
+            sign = math.copysign(1.0, y[4])
     raise RuntimeError(f"stick and slip change more than {SWITCHES} times")
