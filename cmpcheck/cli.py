@@ -277,11 +277,13 @@ def init(
     from cmpcheck.engines.lammps_library import EngineError
     from cmpcheck.engines.lammps_setup import deck_path
     from cmpcheck.outputs import write_new
+    from cmpcheck.published import benchmark_names
     from reference.case import CASES, CaseError, available_cases
     from reference.toml_source import nearest
 
-    if case not in available_cases():
-        raise CaseError(f"unknown case {case!r}: {nearest(case, available_cases())}")
+    known = available_cases() + (benchmark_names() if deck else [])
+    if case not in known:
+        raise CaseError(f"unknown case {case!r}: {nearest(case, known)}")
     try:
         source = deck_path(case) if deck else CASES / f"{case}.toml"
     except EngineError as problem:

@@ -27,8 +27,7 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published import benchmark_names, load_benchmark
-from cmpcheck.published.judge import failed_row
-from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmark
+from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
 from cmpcheck.results import (
     CaseResult,
     Comparison,
@@ -174,8 +173,10 @@ def run_suite(
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
-    results += _run_benchmarks(
-        [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published], jobs, progress
+    results += run_benchmarks(
+        [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
+        jobs,
+        None if progress is None else lambda name: progress(name, 1, 1),
     )
     versions = {info.name: info.version for info in infos if info.available}
     for found in results:
@@ -198,24 +199,6 @@ def run_suite(
     result.studies = run_studies(studies, profile, runs, jobs, keep)
     result.seconds = time.perf_counter() - begin
     return result
-
-
-def _run_benchmarks(tasks: list[BenchmarkTask], jobs: int, progress: Progress | None) -> list[CaseResult]:
-    """What was found for each benchmark, in order; one that failed as a whole is an error of each engine."""
-    results = {}
-    for task, future in run_tasks(run_benchmark, tasks, jobs):
-        problem, benchmark = problem_of(future), load_benchmark(task.name)
-        results[task.name] = (
-            CaseResult(
-                task.name, benchmark.title, benchmark.sentence, "",
-                [failed_row(benchmark, "", engine, problem) for engine in task.engines],
-            )
-            if problem
-            else future.result()
-        )  # fmt: skip
-        if progress is not None:
-            progress(task.name, 1, 1)
-    return [results[task.name] for task in tasks]
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:

@@ -1,6 +1,7 @@
-"""From what engines made of the scenes to rows: measured at three steps, extrapolated, judged.
+"""From what was measured to rows: extrapolated from several time steps, and judged.
 
-What must come out is `targets.py`; orders and uncertainties are `cmpcheck/convergence.py`.
+Measuring is `measure.py`, what must come out `targets.py`, and orders and uncertainties
+`cmpcheck/convergence.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,14 @@ import numpy as np
 
 from cmpcheck.convergence import Extrapolation, agreement, extrapolate
 from cmpcheck.published.benchmark import SWEPT, UNITS, Benchmark, Material
-from cmpcheck.published.scene import PHASES, After, Contact, Scene, normal_speeds, separation, tangential_speeds
+from cmpcheck.published.measure import Measured
+from cmpcheck.published.scene import (
+    PHASES,
+    Contact,
+    Scene,
+    normal_speeds,
+    tangential_speeds,
+)
 from cmpcheck.published.targets import (
     Target,
     impact_targets,
@@ -30,8 +38,6 @@ FORMAL_ORDER = 1.0  # a contact is noticed up to a step late, and its dashpot ac
 LIMIT = 0.01  # a wider tolerance, as a part of the scale, is no test
 DRAWN = 4  # members of a sweep whose convergence is drawn
 
-Measured = dict[tuple[str, int], np.ndarray]  # (quantity, member) -> (PHASES,)
-
 
 @dataclass(frozen=True)
 class Series:
@@ -43,58 +49,6 @@ class Series:
     limits: dict[tuple[str, int], Extrapolation]
     levels: tuple[float, ...]  # time steps, s, coarsest first
     measured: tuple[Measured, ...]
-
-
-def measure(benchmark: Benchmark, scene: Scene, after: After) -> Measured:
-    """Every quantity of every member, in each copy.
-
-    Raises ValueError for numbers that are not finite, and where two bodies still touch.
-    """
-    for name in ("position", "velocity", "spin"):
-        if not np.isfinite(getattr(after, name)).all():
-            raise ValueError(f"{name}: not every number is finite")
-    gap, before = separation(scene, after.position), separation(scene, scene.position)
-    if gap.min() <= 0.0:
-        raise ValueError(f"{np.sum(gap <= 0.0)} of {len(gap)} particles still touch at the end of the run")
-    n = (1 + scene.pairs) * PHASES
-    out: Measured = {}
-    for member in range(len(gap) // n):
-        rows = slice(member * n, (member + 1) * n, 1 + scene.pairs)
-        part = _measure_member(benchmark, scene, after, gap, before, rows, member)
-        out |= {(key, member): values for key, values in part.items()}
-    return out
-
-
-def _measure_member(
-    benchmark: Benchmark, scene: Scene, after: After, gap: np.ndarray, before: np.ndarray, rows: slice, k: int
-) -> dict[str, np.ndarray]:
-    v, v_0, kind = after.velocity[rows], scene.velocity[rows], benchmark.sweep.kind
-    if scene.pairs:
-        partner = slice(rows.start + 1, rows.stop, rows.step)
-        approach = v_0[:, 0] - scene.velocity[partner][:, 0]
-        leaving = after.velocity[partner][:, 0] - v[:, 0]
-    else:
-        approach, leaving = -v_0[:, 2], v[:, 2]
-    found = {"restitution": leaving / approach}
-    if kind == "normal":
-        time = scene.steps * scene.time_step
-        found["deepest_approach"] = after.deepest[rows]
-        found["largest_force"] = after.force[rows]
-        found["contact_duration"] = time - before[rows] / approach - gap[rows] / leaving
-    elif kind == "spin":
-        found["tangential_velocity"] = np.hypot(v[:, 1], v[:, 2])
-        found["spin"] = after.spin[rows][:, 2]
-    elif kind != "restitution":
-        r, tangential = scene.radius, v_0[:, 0]
-        spin = after.spin[rows][:, 1]
-        along = v[:, 0] - (r * spin if benchmark.rebound == "contact" else 0.0)
-        found["tangential_restitution"] = v[:, 0] / tangential
-        found["spin"] = spin
-        found["normalised_spin"] = r * spin / (benchmark.friction * approach)
-        found["rebound_angle"] = np.degrees(np.arctan2(along, leaving))
-        # torque's impulse over the impulse of friction times r
-        found["friction_arm"] = INERTIA * r * spin / (tangential - v[:, 0])
-    return found
 
 
 def find_limits(scenes: list[Scene], measured: list[Measured]) -> dict[tuple[str, int], Extrapolation]:
@@ -185,11 +139,13 @@ def scale_of(benchmark: Benchmark, contact: Contact, quantity: str) -> float:
 
 
 def cross_rows(benchmark: Benchmark, first: Series, second: Series) -> list[Comparison]:
-    """The second engine against the first one, where neither closed form nor anything else is exact.
+    """The second engine against the first one, in Hertz's contact where no closed form holds.
 
     The difference that their arms of friction make (`targets.SHORTENING`) is taken off, by the law.
     """
-    rows = []
+    rows: list[Comparison] = []
+    if first.contact.model != "hertz":
+        return rows  # its law is linear but for the slip, and integrated to more digits than the engines have
     for k in range(len(benchmark.sweep.values)):
         if benchmark.sweep.kind not in ("angle", "tangential_speed") or slides(benchmark, first.contact, k):
             continue
@@ -249,11 +205,18 @@ def _row(
 
 def unit_of(quantity: str) -> str:
     """SI unit of a quantity; degrees for an angle."""
-    more = {"deepest_approach": "m", "largest_force": "N", "contact_duration": "s", "tangential_velocity": "m/s"}
+    more = {
+        "deepest_approach": "m",
+        "largest_force": "N",
+        "contact_duration": "s",
+        "tangential_velocity": "m/s",
+    }
     return (UNITS | more).get(quantity, "1")
 
 
-def failed_row(benchmark: Benchmark, variant: str, engine: str, reason: str, status: str = "error") -> Comparison:
+def failed_row(
+    benchmark: Benchmark, variant: str, engine: str, reason: str, status: str = "error"
+) -> Comparison:
     """The row of a series that could not be run."""
     nan = math.nan
     return Comparison(
@@ -264,6 +227,11 @@ def failed_row(benchmark: Benchmark, variant: str, engine: str, reason: str, sta
 def convergences_of(benchmark: Benchmark, series: Series) -> list[Convergence]:
     """The levels of a few members, for the plots: of the Hertz contact of the first material."""
     if series.contact.model != "hertz" or series.material is not benchmark.material[0]:
+        return []
+    if (
+        benchmark.sweep.kind == "restitution"
+        and series.contact.restitution not in benchmark.sweep.values[1::2]
+    ):
         return []
     quantity = {"normal": "deepest_approach", "restitution": "restitution", "spin": "restitution"}.get(
         benchmark.sweep.kind, "tangential_restitution"
@@ -281,13 +249,15 @@ def convergences_of(benchmark: Benchmark, series: Series) -> list[Convergence]:
             target = rebound_values(benchmark, rebound, k)[quantity]
         else:
             target = impact_targets(benchmark, series.contact)[quantity].limit.value
-        restitution = benchmark.sweep.kind == "restitution"
-        member = benchmark.sweep.values.index(series.contact.restitution) if restitution else k
+        own = benchmark.sweep.kind == "restitution"
+        member = benchmark.sweep.values.index(series.contact.restitution) if own else k
+        label = member_name(benchmark, member) or "hertz"
+        means = tuple(float(v.mean()) for v in values)
+        spreads = tuple(float(np.ptp(v)) / 2.0 for v in values)
         records.append(
             Convergence(
-                benchmark.name, variant_name(benchmark, "hertz", series.material.name, member), series.engine,
-                quantity, unit_of(quantity), "time step", series.levels, tuple(float(v.mean()) for v in values),
-                tuple(float(np.ptp(v)) / 2.0 for v in values), limit.value, limit.uncertainty, limit.order, target,
+                benchmark.name, label, series.engine, quantity, unit_of(quantity), "time step", series.levels,
+                means, spreads, limit.value, limit.uncertainty, limit.order, target,
             )
         )  # fmt: skip
     return records

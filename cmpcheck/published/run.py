@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path
+from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published.benchmark import Benchmark, Material, load_benchmark
 from cmpcheck.published.judge import (
     Series,
@@ -15,10 +17,10 @@ from cmpcheck.published.judge import (
     cross_rows,
     failed_row,
     find_limits,
-    measure,
     member_name,
     rows_of,
 )
+from cmpcheck.published.measure import measure
 from cmpcheck.published.run_lammps import run_lammps
 from cmpcheck.published.run_liggghts import run_liggghts
 from cmpcheck.published.scene import LEVELS, MODELS, build_scene, contact_of
@@ -41,6 +43,26 @@ class BenchmarkTask:
     profile: str
     folder: Path  # for data
     decks: dict[str, Path] = field(default_factory=dict)  # LAMMPS decks by benchmark, in place of ours
+
+
+def run_benchmarks(
+    tasks: Sequence[BenchmarkTask], jobs: int, done: Callable[[str], None] | None = None
+) -> list[CaseResult]:
+    """What was found for each, in order; one that failed as a whole is an error of each of its engines.
+
+    Parameters: jobs, processes; done, called with each name as it ends.
+    """
+    results = {}
+    for task, future in run_tasks(run_benchmark, tasks, jobs):
+        problem, benchmark = problem_of(future), load_benchmark(task.name)
+        if problem:
+            rows = [failed_row(benchmark, "", engine, problem) for engine in task.engines]
+            results[task.name] = CaseResult(task.name, benchmark.title, benchmark.sentence, "", rows)
+        else:
+            results[task.name] = future.result()
+        if done is not None:
+            done(task.name)
+    return [results[task.name] for task in tasks]
 
 
 def run_benchmark(task: BenchmarkTask) -> CaseResult:
@@ -95,7 +117,9 @@ def run_series(
     Raises EngineError when the engine fails, ValueError when what comes out cannot be measured.
     """
     own = engine == "lammps" and benchmark.name in task.decks
-    path = task.decks[benchmark.name] if own else deck_path(benchmark.name, "" if engine == "lammps" else engine)
+    path = (
+        task.decks[benchmark.name] if own else deck_path(benchmark.name, "" if engine == "lammps" else engine)
+    )
     try:
         deck = Deck(path, path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:

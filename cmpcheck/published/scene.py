@@ -1,7 +1,7 @@
-"""From a benchmark to spheres in a box: one material, one contact law, one time step, the whole sweep at once.
+"""From a benchmark to spheres in a box: one material, one contact law, one time step, the whole sweep.
 
-Every member of the sweep has copies whose first touch lies at equally spaced phases of a step.  The spheres are
-so far apart that they never meet another member.  What an engine makes of it is `run_*.py`.
+Every member of the sweep has copies whose first touch lies at equally spaced phases of a step.  The spheres
+are so far apart that they never meet another member.  What an engine makes of it is `run_*.py`.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def build_scene(benchmark: Benchmark, material: Material, contact: Contact, leve
     steps_per_contact = STEPS_PER_CONTACT * (DAMPED if sweep.kind == "restitution" else 1)
     time_step = contact.impact(contact.speed).duration / (steps_per_contact * 2**level)
     z = hertz.damping_ratio(contact.restitution)
-    # a linear contact lasts 1/sqrt(1 - z^2) as long with its dashpot, a Hertz one a little longer; the rest is room
+    # with its dashpot a linear contact lasts 1/sqrt(1 - z^2) as long, a Hertz one a little longer; z is room
     longest = (1.1 + z) * contact.impact(float(normal.min())).duration / math.sqrt(1.0 - z * z)
     steps = math.ceil(LEAD + 2.0 + longest / time_step)
     lead = time_step * (LEAD + np.arange(PHASES) / PHASES)

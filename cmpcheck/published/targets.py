@@ -32,9 +32,10 @@ class Target:
 
 def law_of(benchmark: Benchmark, contact: Contact, engine: str) -> Law:
     """The contact law as an engine states it."""
+    normal, shear = contact.normal / contact.mass, contact.shear / contact.mass
     return Law(
-        contact.normal / contact.mass, contact.shear / contact.mass, contact.model == "hertz", contact.friction,
-        contact.restitution, benchmark.radius, SHORTENING[engine],
+        normal, shear, contact.model == "hertz", contact.friction, contact.restitution, benchmark.radius,
+        SHORTENING[engine],
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Elastic and damped contacts of spheres with springs: stiffnesses, deepest approach, force, duration.
 
-Hertz's contact (force K d^1.5) and a spring-dashpot (force k d).  How an oblique impact leaves is `oblique.py`;
-the paper's own duration of an impact is `wall.py`.
+Hertz's contact (force K d^1.5) and a spring-dashpot (force k d).  How an oblique impact leaves is
+`oblique.py`; the paper's own duration of an impact is `wall.py`.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ def spring_impact(mass: float, stiffness: float, speed: float) -> ElasticImpact:
 def damping_ratio(restitution: float) -> float:
     """The part z of critical damping that returns e = exp(-pi z/sqrt(1 - z^2)), when the force may pull.
 
-    Hertz's contact with a dashpot c d^(1/4) obeys the same equation in x = d^(5/4) and the time int d^(1/4) dt
-    (T. Schwager and T. Poeschel 2008; S. Antypov and J. Elliott 2011), so e and z are joined alike, whatever the
+    Hertz's contact with a dashpot c d^(1/4) obeys the same equation in x = d^(5/4) and the time
+    int d^(1/4) dt (D. Antypov and J. Elliott, EPL 94 (2011) 50004), so e and z are joined alike, whatever the
     speed.  Raises ValueError for e outside (0, 1].
 
     >>> damping_ratio(1.0)

@@ -79,10 +79,12 @@ class Law:
     def damping(self) -> float:
         """c/m of the dashpot's force c d^(1/4) v or c v.
 
-        In x = d^(5/4) and the time int d^(1/4) dt a Hertz contact is a spring of (5/4) K with the same dashpot:
-        c = 2 z sqrt((5/4) K m) (`hertz.damping_ratio`).
+        In x = d^(5/4) and the time int d^(1/4) dt a Hertz contact is a spring of (5/4) K with the same
+        dashpot: c = 2 z sqrt((5/4) K m) (`hertz.damping_ratio`).
         """
-        return 2.0 * damping_ratio(self.restitution) * math.sqrt(self.stiffness * (1.25 if self.hertz else 1.0))
+        return (
+            2.0 * damping_ratio(self.restitution) * math.sqrt(self.stiffness * (1.25 if self.hertz else 1.0))
+        )
 
     def normal_force(self, d: float, v: float) -> float:
         """Force over mass at the depth d, which grows by v, m/s2."""
