@@ -1,7 +1,7 @@
-"""What it costs LIGGGHTS to read a lowered surface again: `python -m benchmarks.remeshing` writes remeshing.md.
+"""What reading a lowered surface again costs LIGGGHTS: `python -m benchmarks.remeshing`, to remeshing.md.
 
-Samples of `polish_pair` as the study `remeshing` runs them, on surfaces of more and more nodes.  What comes out
-of them is that study's business.
+Samples of `polish_pair` as the study `remeshing` runs them, on surfaces of more and more nodes; what comes
+out of them is the business of that study.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from cmpcheck.svg import COLOURS, styled, svg_text
 
 ROW_HEIGHT = 0.17  # inches of a row of the legend
 TICKS = 7  # at most so many values of a logarithmic axis are labelled
+DECADES = 3.0  # of a logarithmic axis, beyond which only powers of ten have room for a label
 
 
 def chart_figure(chart: Chart, key: str) -> str:
@@ -46,10 +47,11 @@ def chart_figure(chart: Chart, key: str) -> str:
             axes.set_xscale("log")
             axes.set_yscale("log")
             _label_values(axes.xaxis, np.concatenate([np.asarray(c.x) for c in chart.curves]) * x_factor)
-            for axis in (axes.yaxis,):
-                axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0)))
-                axis.set_minor_locator(NullLocator())
-                axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
+            bottom, top = axes.get_ylim()
+            few = math.log10(top / bottom) > DECADES
+            axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0,) if few else (1.0, 2.0, 5.0)))
+            axes.yaxis.set_minor_locator(NullLocator())
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
         else:
             axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
             axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))

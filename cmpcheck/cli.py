@@ -46,6 +46,17 @@ def compare(
     deck: Annotated[
         list[str] | None, typer.Option(metavar="CASE=FILE", help="a LAMMPS deck for a case")
     ] = None,
+    trajectory: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CASE[/VARIANT]=FILE", help="what another code computed: dump, CSV, Parquet, VTK"
+        ),
+    ] = None,
+    units: Annotated[
+        str, typer.Option(help="of trajectories that do not say them: si, cgs, micro, nano, or length=um,...")
+    ] = "",
+    time_step: Annotated[str, typer.Option(help='of the code that wrote the trajectory, "10 ps"')] = "",
+    contact_duration: Annotated[str, typer.Option(help='of its contacts, "1 ns"; 0: none')] = "",
     study: Annotated[
         list[str] | None, typer.Option(help="one to run; may be repeated; all in the full profile")
     ] = None,
@@ -67,15 +78,18 @@ def compare(
     from cmpcheck import outputs
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
-    from cmpcheck.suite import comparable_cases, run_suite, tasks_by_case
+    from cmpcheck.suite import comparable_cases, run_suite, variants_by_case
+    from cmpcheck.trajectories import Options, requested
     from cmpcheck.verdicts import headline
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
     names = cases or ([] if study else comparable_cases(profile.value, engine or []))
-    loaded = tasks_by_case(names)
+    variants = variants_by_case(names)
+    loaded = {name: len(found) for name, found in variants.items()}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
     decks = _decks(deck or [], loaded)
+    files = requested(trajectory or [], variants, Options(units, time_step, contact_duration))
     _require(engine or [])
     staging = outputs.stage_report(out, force)
     try:
@@ -92,6 +106,7 @@ def compare(
                 lambda name, done, total: bars.update(tasks[name], completed=done, total=total),
                 studies,
                 RUNS,
+                files,
             )
         write_report(result, staging, designs_beside(out))
         outputs.publish_report(staging, out)
@@ -238,7 +253,8 @@ def figures(
 def doctor() -> None:
     """Show what is installed and what is missing.
 
-    For each engine its version, or the command that installs it; exit code 1 when anything is missing.
+    For each engine its version, or the command that installs it; exit code 1 when anything is
+    missing that is not optional.
     """
     from cmpcheck.doctor import examine
 
@@ -249,7 +265,7 @@ def doctor() -> None:
         )
         if finding.remedy:
             typer.echo(f"{'':<10} install with: {finding.remedy}")
-    raise typer.Exit(int(not all(finding.found for finding in findings)))
+    raise typer.Exit(int(not all(finding.found or finding.optional for finding in findings)))
 
 
 @command()
@@ -273,9 +289,10 @@ def init(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="write over an existing file")] = False,
 ) -> None:
-    """Write a case file or a deck to start from."""
+    """Write a case file or a deck to start from, the latter with what `compare --deck` needs in comments."""
+    from cmpcheck.engines.lammps_contract import contract
     from cmpcheck.engines.lammps_library import EngineError
-    from cmpcheck.engines.lammps_setup import deck_path
+    from cmpcheck.engines.lammps_setup import Deck, deck_path
     from cmpcheck.outputs import write_new
     from cmpcheck.published import benchmark_names
     from reference.case import CASES, CaseError, available_cases
@@ -288,18 +305,21 @@ def init(
         source = deck_path(case) if deck else CASES / f"{case}.toml"
     except EngineError as problem:
         raise BadInput(str(problem)) from None
-    write_new(file, source.read_text("utf-8"), force)
+    text = source.read_text("utf-8")
+    if deck and case not in benchmark_names():  # whose decks say at their top what they need
+        text = contract(case, Deck(source, text))
+    write_new(file, text, force)
     typer.echo(str(file))
 
 
 def _require(engines: list[str]) -> None:
     """Refuse engines that do not exist or are not on this machine."""
-    from cmpcheck.engines import ENGINES, make_engine
+    from cmpcheck.engines import engine_names, make_engine
     from reference.toml_source import nearest
 
     for name in engines:
-        if name not in ENGINES:
-            raise BadInput(f"unknown engine {name!r}: {nearest(name, ENGINES)}")
+        if name not in engine_names():
+            raise BadInput(f"unknown engine {name!r}: {nearest(name, engine_names())}")
         info = make_engine(name).info()
         if not info.available:
             raise BadInput(f"the engine {name} is missing: {info.reason}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cmpcheck import __version__, provenance
-from cmpcheck.engines import lammps_library, liggghts_library
+from cmpcheck.engines import ENGINES, engine_names, lammps_library, liggghts_library, make_engine
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class Finding:
     version: str  # "" when it is missing
     problem: str = ""
     remedy: str = ""  # the command that installs it
+    optional: bool = False
 
     @property
     def found(self) -> bool:
@@ -35,6 +36,7 @@ def examine() -> list[Finding]:
         _program("lmp", "decks by themselves"),
         _program("mpiexec", "decks in parallel"),
         _liggghts(),
+        *(_plugin(name) for name in engine_names() if name not in ENGINES),
     ]
 
 
@@ -56,8 +58,15 @@ def _liggghts() -> Finding:
     what_for = "the engine liggghts, which is optional"
     available, reason = liggghts_library.available()
     if not available:
-        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL)
+        return Finding("liggghts", what_for, "", reason, liggghts_library.INSTALL, optional=True)
     return Finding("liggghts", what_for, liggghts_library.version())
+
+
+def _plugin(name: str) -> Finding:
+    """An engine that another package brings."""
+    info = make_engine(name).info()
+    problem = "" if info.available else info.reason or "not available"
+    return Finding(name, "an engine of another package", info.version or "found", problem)
 
 
 def _program(name: str, what_for: str) -> Finding:

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cmpcheck.engines import is_plugin
 from cmpcheck.engines.protocol import Engine, Resolution
 from cmpcheck.judges import Judge, Measured
+from cmpcheck.judges.protocol import observes_contacts
 from cmpcheck.phases import tile
 from reference.case import Case
 from reference.recording import Run
@@ -93,15 +95,48 @@ def engine_study(engine: Engine, judge: Judge, setup: Setup, profile: str, form:
     return study
 
 
+def contact_forms(engine: Engine, judge: Judge, case: Case) -> tuple[str, ...]:
+    """The forms of surface contact that an engine is run in; one that names none has its own only."""
+    if not judge.has_surface_contact:
+        return ("native",)
+    forms_of = getattr(engine, "forms_of", None)
+    return tuple(forms_of(case) if forms_of else getattr(engine, "surface_forms", ("native",)))
+
+
+def unobserved(study: Study, reference: Study) -> list[str]:
+    """What is not compared, in a sentence, where a run has no ledger of contacts."""
+    if observes_contacts(study.finest.run):
+        return []
+    told = {m.quantity for m in study.finest.measured}
+    untold = sorted({m.quantity for m in reference.finest.measured} - told)
+    return (
+        [f"{study.engine} records no contacts here, and does not tell {', '.join(untold)}."] if untold else []
+    )
+
+
+def has_settings(case: Case, engine: str) -> bool:
+    """Whether the case says how an engine resolves it; see `settings_table`."""
+    return settings_table(case, engine) in case.engine
+
+
+def settings_table(case: Case, engine: str) -> str:
+    """Name of the `[engine.NAME]` table that holds for an engine: its own, else for a plugin LAMMPS's.
+
+    How long the contact of two soft spheres may last, and in how many steps, is no matter of the code.
+    """
+    return "lammps" if engine not in case.engine and is_plugin(engine) else engine
+
+
 def contact_settings(case: Case, engine: str) -> tuple[float, float]:
     """The coarsest contact duration (s) and the steps that resolve it, from `[engine.NAME]`.
 
     Raises CaseError where they are missing or not positive.
     """
-    table = case.engine.get(engine, {})
+    name = settings_table(case, engine)
+    table = case.engine.get(name, {})
     values = []
     for key, unit in (("contact_duration", "s"), ("steps_per_contact", "")):
-        path = f"engine.{engine}.{key}"
+        path = f"engine.{name}.{key}"
         if key not in table:
             raise case.error(path, MISSING, f"required to compare with {engine}, but missing")
         value = case.quantity(table[key], unit, path)
@@ -114,4 +149,5 @@ def contact_settings(case: Case, engine: str) -> tuple[float, float]:
 def _level(engine: Engine, judge: Judge, setup: Setup, resolution: Resolution) -> Level:
     tiled = tile(setup, judge.copies, resolution.time_step) if judge.copies > 1 else setup
     run = engine.run(tiled, resolution)
-    return Level(tiled, resolution, run, judge.measure(tiled, run))
+    measure = judge.measure if observes_contacts(run) else judge.measure_trajectory
+    return Level(tiled, resolution, run, measure(tiled, run))

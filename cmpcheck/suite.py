@@ -17,12 +17,14 @@ from pathlib import Path
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
 from cmpcheck.departures import apply_departures
-from cmpcheck.engines import ENGINES, make_engine
-from cmpcheck.engines.protocol import Engine
+from cmpcheck.engines import engine_names, make_engine
+from cmpcheck.engines.lammps_contract import check_deck
+from cmpcheck.engines.protocol import Engine, NotSupported, Resolution
 from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
+from cmpcheck.judges.protocol import observes_contacts
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
@@ -32,6 +34,7 @@ from cmpcheck.results import (
     CaseResult,
     Comparison,
     Convergence,
+    EngineInfo,
     Ensemble,
     StudyResult,
     SuiteResult,
@@ -40,7 +43,18 @@ from cmpcheck.results import (
 from cmpcheck.soft_study import compare_soft
 from cmpcheck.studies.registry import run_studies
 from cmpcheck.studies.tables import write_csv
-from cmpcheck.study import Study, align_outputs, contact_settings, engine_study, reference_study
+from cmpcheck.study import (
+    Study,
+    align_outputs,
+    contact_forms,
+    contact_settings,
+    engine_study,
+    has_settings,
+    reference_study,
+    unobserved,
+)
+from cmpcheck.trajectories import ENGINE as TRAJECTORY
+from cmpcheck.trajectories import Trajectories, compare_file
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
@@ -61,6 +75,7 @@ class Task:
     folder: Path  # for run folders
     decks: dict[str, Path]
     form: str = ""  # of ensembles: one of ENSEMBLE_FORMS, a task each
+    trajectories: Trajectories = field(default_factory=Trajectories)
     asked: bool = False  # the engines were asked for by name
 
     @property
@@ -98,22 +113,22 @@ def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
         case.name
         for case in cases
         if case.engine
-        and (not others or others & set(case.engine))
+        and (not others or any(has_settings(case, name) for name in others))
         and (profile == "full" or not is_ensemble(case))
     ]
     return names + (benchmark_names() if not engines or others & set(RUNNERS) else [])
 
 
-def tasks_by_case(names: Sequence[str]) -> dict[str, int]:
-    """Each case's own name, and how many tasks it is.  Raises CaseError for what is no case."""
-    counts = {}
+def variants_by_case(names: Sequence[str]) -> dict[str, list[str]]:
+    """Each case's own name and its variants, a benchmark being one.  Raises CaseError for what is no case."""
+    found = {}
     for name in names:
         if name in benchmark_names():
-            counts[name] = 1
+            found[name] = [""]
         else:
             case = load_case(name)
-            counts[case.name] = len(case.variants())
-    return counts
+            found[case.name] = [variant.variant for variant in case.variants()]
+    return found
 
 
 def is_ensemble(case: Case) -> bool:
@@ -131,12 +146,14 @@ def run_suite(
     progress: Progress | None = None,
     studies: Sequence[str] = (),
     runs: Path = Path("runs"),
+    trajectories: Trajectories | None = None,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
-    progress; names of studies, and the folder for runs of theirs that outlive the report.
+    progress; names of studies, and the folder for runs of theirs that outlive the report; trajectories of
+    other codes.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -146,24 +163,36 @@ def run_suite(
         if count > 1:
             raise CaseError(f"{name}: {count} files with this case.name; allowed: a name of its own for each")
     infos = [
-        make_engine(name).info() for name in ENGINES if engines is None or name in ("reference", *engines)
+        make_engine(name).info()
+        for name in engine_names()
+        if engines is None or name in ("reference", *engines)
     ]
+    files = trajectories or Trajectories()
+    for name, _ in files.files:
+        if name in published:
+            raise CaseError(f"{name}: a sweep of impacts, which one trajectory does not hold")
     others = tuple(info.name for info in infos if info.available and info.name != "reference")
     tasks = []
     for case in loaded:
         for k, variant in enumerate(case.variants()):
             setup = build_setup(variant)
+            if is_ensemble(variant) and files.of(variant):
+                raise CaseError(
+                    f"{case.name}: ensembles of samples are compared; one trajectory says nothing"
+                )
             if not is_ensemble(variant):
                 judge_of(setup)
+                files.check(setup)
             elif not variant.engine:
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
-                if name in variant.engine:
+                if has_settings(variant, name):
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
             tasks += [
-                Task(case, k, others, profile, folder / "data", decks or {}, form, engines is not None)
+                Task(case, k, others, profile, folder / "data", decks or {}, form, files, engines is not None)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
+    _check_decks(loaded, decks or {}, others)
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
     totals = Counter(name for name, _, _ in keys)
     outcomes: dict[tuple[str, int, str], Outcome] = {}
@@ -179,6 +208,9 @@ def run_suite(
         None if progress is None else lambda name: progress(name, 1, 1),
     )
     versions = {info.name: info.version for info in infos if info.available}
+    if files.files:
+        names = ", ".join(path.name for path in files.files.values())
+        infos.append(EngineInfo(TRAJECTORY, names, True))
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
         found.tables += contact_places(found.comparisons) if found.name not in published else []
@@ -199,6 +231,27 @@ def run_suite(
     result.studies = run_studies(studies, profile, runs, jobs, keep)
     result.seconds = time.perf_counter() - begin
     return result
+
+
+def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
+    """Refuse a user's deck that lacks what the engine needs; LAMMPS reads it in a process of its own.
+
+    Raises CaseError naming all of it.
+    """
+    tasks = [(case, decks[case.name]) for case in cases if case.name in decks and "lammps" in engines]
+    for (_, path), future in run_tasks(_check_deck, tasks, 1) if tasks else ():
+        problem = future.exception()
+        if isinstance(problem, CaseError):
+            raise problem
+        if problem is not None:
+            raise CaseError(f"{path}: cannot be checked: {problem_of(future)}")
+
+
+def _check_deck(task: tuple[Case, Path]) -> None:
+    case, path = task
+    variant = case.variants()[0]
+    duration, steps = contact_settings(variant, "lammps")
+    check_deck(path, build_setup(variant), Resolution(duration / steps, duration))
 
 
 def _case_result(case: Case, outcomes: list[Outcome]) -> CaseResult:
@@ -270,29 +323,52 @@ def run_task(task: Task) -> Outcome:
     outcome.notes += setup.notes
     _keep(task, ours)
     for name in task.engines:
-        if name not in case.engine:
+        if not has_settings(case, name):
             _leave_out(task, name, outcome)
             continue
         other = make_engine(name, task.decks)
-        for form in other.surface_forms if judge.has_surface_contact else ("native",):
+        for form in contact_forms(other, judge, case):
             try:
                 theirs = engine_study(other, judge, setup, task.profile, form)
-                if horizon is not None:
+                if horizon is not None and observes_contacts(theirs.finest.run):
                     ledgers = compare_ledgers(case, (ours, horizon), (theirs, study_horizon(other, theirs)))
                     outcome.comparisons.append(ledgers[0])
                     outcome.notes.append(ledgers[1])
             except Exception as problem:  # whatever an engine does, the other comparisons go on
-                outcome.comparisons.append(_failed(task, name, f"{form}: {problem}"))
+                status = "not_tested" if isinstance(problem, NotSupported) else "error"
+                outcome.comparisons.append(_failed(task, name, f"{form}: {problem}", status))
                 continue
             outcome.comparisons += compare_study(case, theirs, limits(ours))
+            outcome.notes += unobserved(theirs, ours)
             outcome.traces += (
                 judge.traces(theirs.finest.setup, theirs.finest.run, name) if form != "impulse" else []
             )
             outcome.convergences += convergences(case, theirs, limits(theirs))
             _keep(task, theirs)
+    _compare_trajectory(task, case, outcome)
     outcome.convergences += convergences(case, ours, limits(ours))
     outcome.seconds = time.perf_counter() - begin
     return outcome
+
+
+def _compare_trajectory(task: Task, case: Case, outcome: Outcome) -> None:
+    """Compare the trajectory that the user has given for this variant, if any."""
+    path = task.trajectories.of(case)
+    if path is None:
+        return
+    try:
+        rows, traces, notes, run = compare_file(case, build_setup(case), path, task.trajectories.options)
+    except Exception as problem:  # the other comparisons are made
+        outcome.comparisons.append(_failed(task, TRAJECTORY, f"{path.name}: {problem}"))
+        return
+    told = {row.quantity for row in outcome.comparisons if row.engine == "reference"}
+    untold = sorted(told - {row.quantity for row in rows})
+    outcome.comparisons += rows
+    outcome.traces += traces
+    outcome.notes += notes
+    if untold:
+        outcome.notes.append(f"{path.name} is a trajectory, which does not tell {', '.join(untold)}.")
+    run.save(task.folder / case.name / case.variant / TRAJECTORY)
 
 
 def _leave_out(task: Task, engine: str, outcome: Outcome) -> None:

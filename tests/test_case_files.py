@@ -18,7 +18,7 @@ from reference.case_sections import Material, Particle
 from reference.units import to_si
 
 ISSUED = {
-    "asperity_bounce": ("plateau", "edge", "corner", "flank", "valley"),
+    "asperity_bounce": ("plateau", "edge", "corner", "flank", "valley", "on_edge", "on_corner"),
     "bounce_train": ("",),
     "couette_drift": ("",),
     "drag_regimes": ("",),
@@ -145,6 +145,8 @@ def test_jitter_leaves_every_drop_above_the_surface_of_its_place():
         "corner": 1 + math.sqrt(r**2 - 2 * (0.05 - 0.02) ** 2),
         "flank": 4 - (3.627 - 0.02) + math.sqrt(2) * r,
         "valley": 4 - (4.0635 - 0.015) + math.sqrt(2) * r,
+        "on_edge": 1 + r,
+        "on_corner": 1 + r,
     }
     for run in load_case("asperity_bounce").variants():
         gap = run.particle[0].position[2] * 1e6 - touch[run.variant]

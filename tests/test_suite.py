@@ -103,6 +103,7 @@ class Fake:
     """The reference as the engine "lammps"; `failure` is raised in the contact forms named."""
 
     name = "lammps"
+    surface_forms: tuple[str, ...] = ("soft", "impulse")
 
     def __init__(
         self, failure: Exception | None = None, forms: tuple[str, ...] = ("soft", "impulse", "native")
@@ -124,6 +125,7 @@ def use(monkeypatch):
 
     def put(lammps, reference=None) -> None:
         engines = {"reference": reference or ReferenceEngine(), "lammps": lammps}
+        monkeypatch.setattr(suite, "engine_names", lambda: tuple(engines))
         monkeypatch.setattr(suite, "make_engine", lambda name, decks=None: engines[name])
 
     return put
@@ -188,11 +190,18 @@ def test_an_engine_without_settings_in_the_case_is_not_tested(use, tmp_path):
     use(Fake(RuntimeError("must not be run")))
     text = (CASES / "drag_relaxation.toml").read_text("utf-8")
     path = case_file(tmp_path, "drag_relaxation", (text[text.index("[engine.lammps]") :], ""))
-    rows = run_task(task_of(path, tmp_path / "data")).comparisons
-    (row,) = (row for row in rows if row.engine == "lammps")
+    task, missing = (
+        task_of(path, tmp_path / "data"),
+        "[engine.lammps] with contact_duration and steps_per_contact",
+    )
+    asked = run_task(replace(task, asked=True)).comparisons
+    (row,) = (row for row in asked if row.engine == "lammps")
     assert row.status == "not_tested"
-    assert "[engine.lammps] with contact_duration and steps_per_contact" in row.reason
-    assert statuses(rows, "reference") == {"agree"}
+    assert missing in row.reason
+    found = run_task(task)  # the engine is just there: no row, but it is said
+    assert all(row.engine == "reference" for row in found.comparisons)
+    assert any(missing in note for note in found.notes)
+    assert statuses(asked, "reference") == {"agree"}
 
 
 # The suite

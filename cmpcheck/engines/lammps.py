@@ -16,17 +16,28 @@ from typing import Any
 import numpy as np
 
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
-from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
+from cmpcheck.engines.lammps_setup import (
+    NO_QUIT,
+    Deck,
+    create_atoms,
+    deck_path,
+    execute,
+    input_flags,
+    last_words,
+    variables,
+)
 from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
+from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
+from reference.case import Case
 from reference.recording import Run
 from reference.state import Setup
 
 OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
-LOG_LINES = 3  # of LAMMPS's log, quoted when it fails
+DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
 
 
@@ -39,6 +50,14 @@ class LammpsEngine:
     def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
         self.decks = dict(decks or {})
 
+    def forms_of(self, case: Case) -> tuple[str, ...]:
+        """The forms of surface contact that the deck of a case can be run in: of the fix, or its own."""
+        return self.surface_forms if self._deck(case.name).external_fix else ("native",)
+
+    def _deck(self, case: str) -> Deck:
+        """The deck of a case.  Raises EngineError."""
+        return Deck.read(Path(self.decks.get(case) or deck_path(case)))
+
     def info(self) -> EngineInfo:
         """Whether LAMMPS can be loaded, and which version."""
         found, reason = available()
@@ -50,28 +69,22 @@ class LammpsEngine:
         The time step is the resolution's, made a little smaller where the output times are no multiple of it.
         """
         refuse_rules_it_lacks(setup)
-        path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name))
-        try:
-            deck = Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        deck = self._deck(setup.case.name)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
             log = Path(folder) / "log"
             arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-            for key, value in variables(setup, resolution, time_step).items():
-                arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
-            lmp = open_lammps(arguments)
+            lmp = open_lammps(arguments + input_flags(variables(setup, resolution, time_step)))
             try:
                 return _simulate(lmp, deck, setup, resolution, stride, time_step)
             except EngineError as error:
-                raise EngineError(f"{label(setup)}: {error}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {error}{last_words(log, SAID_ALREADY)}") from error
             except Exception as error:  # the lammps package raises Exception itself
                 if type(error) is not Exception:
                     raise
                 message = f"{deck.path}: {error_message(error)}"
-                raise EngineError(f"{label(setup)}: {message}{_last_lines(log)}") from error
+                raise EngineError(f"{label(setup)}: {message}{last_words(log, SAID_ALREADY)}") from error
             finally:
                 lmp.close()
 
@@ -137,17 +150,13 @@ def _simulate(
     except ValueError as error:
         raise EngineError(str(error)) from None
     if native and setup.model.has_surface:
-        lowest = (run.positions[:, :, 2] - setup.state.diameter / 2).min(axis=0)
-        if lowest.min() < setup.state.heights.max():
-            raise EngineError(f"{deck.path} has no surface, but particle {lowest.argmin()} has reached it")
+        radii = setup.state.diameter / 2
+        sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
+        if sunk.max() > DEEPEST:
+            raise EngineError(
+                f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
+            )
+        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does
+        # those of particles: the trajectory is judged.
+        run.provenance["contacts"] = UNOBSERVED
     return run
-
-
-def _last_lines(log: Path) -> str:
-    """The end of LAMMPS's log, in one line."""
-    try:
-        lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [line for line in lines if line and not SAID_ALREADY.search(line)]
-    return f" (log: {' | '.join(lines[-LOG_LINES:])})" if lines else ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cmpcheck
+from cmpcheck.display import printable
 from cmpcheck.engines.lammps_library import EngineError, error_message, per_atom
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.layout import MICRO, PICOGRAM
@@ -36,6 +38,9 @@ DRIVER_LINE = re.compile(r"^[ \t]*if[ \t]+\"\$\{driver\}", re.MULTILINE)
 QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+\d+)?([ \t]*(?:#.*)?$|")')
 NO_QUIT = "this_deck_quits"
 
+LAST, LONGEST = 3, 200  # lines of a log that are quoted, and characters of each
+SOURCE = re.compile(r" ?\(\S*src/\S+\)")
+
 
 @dataclass(frozen=True)
 class Deck:
@@ -43,6 +48,14 @@ class Deck:
 
     path: Path
     text: str
+
+    @classmethod
+    def read(cls, path: Path) -> Deck:
+        """The deck in a file.  Raises EngineError for one that cannot be read."""
+        try:
+            return cls(path, path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
 
     @property
     def external_fix(self) -> str | None:
@@ -94,7 +107,7 @@ def deck_path(case_name: str, engine: str = "") -> Path:
     if path.is_file():
         return path
     names = sorted(path.name[3:] for path in folder.glob("in.*"))
-    what = engine or "lammps"
+    what = (engine or "lammps").upper()
     raise EngineError(f"no {what} deck for the case {case_name}; there are decks for {', '.join(names)}")
 
 
@@ -156,6 +169,26 @@ def variables(
         "wall_speed": model.wall_speed,
         "gap": model.gap / MICRO,
     }
+
+
+def input_flags(values: Mapping[str, float | str]) -> list[str]:
+    """Variables as flags of a command line: -var NAME VALUE."""
+    return [
+        word
+        for key, value in values.items()
+        for word in ("-var", key, value if isinstance(value, str) else repr(float(value)))
+    ]
+
+
+def last_words(path: Path, noise: re.Pattern[str]) -> str:
+    """The last lines of what an engine wrote, in brackets and in one line; lines with noise are left out."""
+    try:
+        lines = path.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return ""
+    told = [printable(SOURCE.sub("", line)).strip()[:LONGEST] for line in lines if not noise.search(line)]
+    told = [line for line in told if line][-LAST:]
+    return f" (log: {' | '.join(told)})" if told else ""
 
 
 def effective_mass(state: State, copies: int) -> float:

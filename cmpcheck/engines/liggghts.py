@@ -14,11 +14,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cmpcheck.display import printable
 from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
 from cmpcheck.engines.lammps_library import EngineError
-from cmpcheck.engines.lammps_setup import Deck, deck_path
+from cmpcheck.engines.lammps_setup import Deck, deck_path, last_words
 from cmpcheck.engines.liggghts_library import available, version
 from cmpcheck.engines.liggghts_run import SCREEN, simulate
 from cmpcheck.engines.observed import label, observed_run
@@ -28,8 +27,6 @@ from reference.recording import Run
 from reference.state import Setup
 
 TIMEOUT = 600.0  # s for one run, unless [engine.liggghts] timeout says otherwise
-LONGEST = 200  # characters of a line
-LINES = 3  # of what LIGGGHTS said, quoted when it fails
 NOISE = re.compile(r"WARNING! (Style|VariantSelector) collision|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$")
 
 
@@ -54,10 +51,7 @@ class LiggghtsEngine:
         """
         refuse_rules_it_lacks(setup)
         path = Path(self.decks.get(setup.case.name) or deck_path(setup.case.name, self.name))
-        try:
-            deck = Deck(path, path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        deck = Deck.read(path)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
         try:
@@ -78,7 +72,7 @@ def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> 
     try:
         return child.call(function, *arguments, timeout=timeout)
     except ChildError as error:
-        raise EngineError(f"LIGGGHTS: {error}{_last_lines(child.folder / SCREEN)}") from None
+        raise EngineError(f"LIGGGHTS: {error}{last_words(child.folder / SCREEN, NOISE)}") from None
 
 
 @cache
@@ -96,14 +90,3 @@ def _timeout(setup: Setup) -> float:
     if not value > 0.0:
         raise setup.case.error("engine.liggghts.timeout", table["timeout"], "allowed: > 0")
     return value
-
-
-def _last_lines(screen: Path) -> str:
-    """The end of what LIGGGHTS said, in one line."""
-    try:
-        lines = [line.strip() for line in screen.read_text("utf-8", "replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [re.sub(r" ?\(\S*src/\S+\)", "", line) for line in lines if not NOISE.search(line)]
-    lines = [printable(line)[:LONGEST] for line in lines if line]
-    return f" (said: {' | '.join(lines[-LINES:])})" if lines else ""

@@ -32,7 +32,7 @@ def _probe() -> tuple[str, str]:
         return "", f"the program {PROGRAM} is there, but its library libliggghts is not; {INSTALL}"
     try:
         said = subprocess.run(
-            [program, "-help"],
+            [program, "-log", "none", "-help"],
             capture_output=True,
             text=True,
             timeout=ANSWERS_WITHIN,

@@ -12,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from cmpcheck.engines.lammps_setup import Deck
+from cmpcheck.engines.lammps_setup import Deck, input_flags
 from cmpcheck.engines.liggghts_library import Liggghts
 from cmpcheck.engines.liggghts_setup import (
     OBSERVED,
@@ -52,8 +52,7 @@ def simulate(deck: Deck, setup: Setup, resolution: Resolution, stride: int, time
     if setup.model.has_pad:
         write_pad(setup, mesh.with_name("pad.stl"))
     arguments = ["-log", "none", "-screen", SCREEN, "-var", "driver", "1"]
-    for key, value in deck_variables(setup, resolution, time_step, mesh).items():
-        arguments += ["-var", key, value if isinstance(value, str) else repr(float(value))]
+    arguments += input_flags(deck_variables(setup, resolution, time_step, mesh))
     Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
     part = Path("definitions").absolute()
     part.write_text(deck.definitions(), "utf-8")
@@ -105,16 +104,22 @@ class _Watched:
         self.liggghts.command("thermo_style custom step")
         self.liggghts.command("run 0 post no")
         surfaces, pad_heights = [setup.state.heights], [setup.state.pad_height]
+        begin = perf_counter()
         self._look()
         for k in range(1, len(setup.output_times)):
             while self.step < k * self.stride:
                 self._advance(k * self.stride - self.step)
             surfaces.append(self.memory.heights.copy())
             pad_heights.append(float(c.pad_height))
+        stepping = perf_counter() - begin
         times, positions, velocities, masses = self.memory.trajectory()
         return Observed(
             times, positions, velocities, masses, self.memory.contacts(), surfaces, pad_heights,
-            {"surface_read_again": self.reread, "surface_read_seconds": self.reread_seconds},
+            {
+                "surface_read_again": self.reread,
+                "surface_read_seconds": self.reread_seconds,
+                "stepping_seconds": stepping,
+            },
         )  # fmt: skip
 
     def _advance(self, most: int) -> None:

@@ -25,8 +25,16 @@ class Resolution:
         return self.contact_duration / self.time_step
 
 
+class NotSupported(RuntimeError):
+    """What an engine raises for a setup that it was not made for: the row says `not_tested`, not `error`."""
+
+
 class Engine(Protocol):
-    """A code that simulates setups."""
+    """A code that simulates setups.
+
+    An engine without a ledger of contacts returns `cmpcheck.trajectories.trajectory_run(...)`, which is
+    judged by velocities, positions and masses.
+    """
 
     name: str
     surface_forms: tuple[str, ...]  # how it can resolve contacts with a surface: soft, impulse
@@ -36,5 +44,8 @@ class Engine(Protocol):
         ...
 
     def run(self, setup: Setup, resolution: Resolution) -> Run:
-        """Simulate a setup.  Raises EngineError (a RuntimeError) when the engine fails."""
+        """Simulate a setup, of `setup.copies` equal problems side by side along x.
+
+        Raises a RuntimeError, in one line, when the engine fails, and NotSupported for what it cannot do.
+        """
         ...

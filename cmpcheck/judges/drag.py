@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cmpcheck.judges.protocol import Findings, Measured, require_stokes
+from cmpcheck.judges.protocol import Findings, Impact, Measured, require_stokes
 from cmpcheck.phases import unwrapped
 from cmpcheck.results import Trace
 from reference import exact
@@ -53,6 +53,22 @@ class DragJudge:
         """Of each particle, velocities halfway and at the end, and its distance from the exact path."""
         found = Findings()
         found.add("impacts", "20-22", "1", len(run.contacts), 0.0, 1.0, rounding=0.5)
+        found += self.measure_trajectory(setup, run)
+        return found
+
+    def impacts(self) -> list[Impact]:
+        """There are none."""
+        return []
+
+    def largest_force(self) -> float:
+        """Of the exact motions, by differences over a ten thousandth of the end time."""
+        times = np.linspace(0.0, self.setup.end_time, 10_001)
+        steps = [np.linalg.norm(np.diff(motion.velocities, axis=0), axis=1) for motion in self.motions(times)]
+        return float(max(step.max() for step in steps) / times[1])
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """All of them but the number of impacts."""
+        found = Findings()
         positions, last = unwrapped(run, setup), len(run.times) - 1
         shear = self.setup.model.flow == FLOW_COUETTE
         equations = "20-22, 37-39"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import Findings, Measured, add_momentum
+from cmpcheck.judges.protocol import Findings, Impact, Measured, add_momentum
 from cmpcheck.phases import split, unwrapped
 from cmpcheck.results import Trace
 from reference import exact
@@ -38,26 +39,58 @@ class PairJudge:
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
         """Impulses, restitution, energy, velocities after, momentum and the distance to the exact path."""
-        hit, state, copies = self.exact.collision, self.setup.state, setup.copies
         contacts = q.contacts_by_copy(run, setup, "pair")
         found = Findings()
         if not found.count_impacts(contacts, 1, "9"):
             return found
         rows = next(q.contact_columns(contacts, 1))
+        self._add_impulses(found, rows["normal_impulse"], rows["friction_impulse"])
+        self._add_flight(found, setup, run, rows[["nx", "ny", "nz"]].to_numpy(float))
+        return found
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """The same, with the impulse told by the change of momentum, and the exact normal."""
+        found, copies = Findings(), setup.copies
+        normal = self.exact.touch.normal
+        masses, velocities = split(run.masses[0], copies)[:, 0, np.newaxis], run.velocities
+        change = masses * (split(velocities[-1], copies)[:, 0] - split(velocities[0], copies)[:, 0])
+        pushed = -change @ normal
+        across = np.linalg.norm(change + pushed[:, np.newaxis] * normal, axis=1)
+        self._add_impulses(found, pushed, across)
+        self._add_flight(found, setup, run, np.tile(normal, (copies, 1)))
+        return found
+
+    def impacts(self) -> list[Impact]:
+        """The one collision."""
+        state, hit, touch = self.setup.state, self.exact.collision, self.exact.touch
+        approach = state.velocity[0] - state.velocity[1]
+        speed = float(approach @ touch.normal)
+        slip = approach - speed * touch.normal
+        change = -hit.normal_impulse * touch.normal + hit.friction_impulse
+        turning = 2.0 / float(state.diameter.sum())
+        return [Impact(touch.time, (0, 1), touch.normal, change, speed, slip, turning)]
+
+    def largest_force(self) -> float:
+        """None acts."""
+        return 0.0
+
+    def _add_impulses(self, found: Findings, pushed: ArrayLike, across: ArrayLike) -> None:
+        hit = self.exact.collision
+        normal, friction = hit.normal_impulse, float(np.linalg.norm(hit.friction_impulse))
+        found.add("normal_impulse", "9, 12", "N s", pushed, normal, normal)
+        if self.setup.model.static_friction > 0.0:
+            found.add("friction_impulse", "14-18", "N s", across, friction, friction or normal)
+
+    def _add_flight(self, found: Findings, setup: Setup, run: Run, normals: np.ndarray) -> None:
+        """What the velocities (copies, 2, 3) after the collision and the paths tell."""
+        hit, state, copies = self.exact.collision, self.setup.state, setup.copies
         mass_i, mass_j = state.mass
         approach = float((state.velocity[0] - state.velocity[1]) @ self.exact.touch.normal)
         energy = 0.5 * mass_i * mass_j / (mass_i + mass_j) * approach**2
         after = q.final_velocity(run, copies)
-        normals = rows[["nx", "ny", "nz"]].to_numpy(float)
         parting = np.einsum("cx,cx->c", after[:, 1] - after[:, 0], normals)
         before = np.einsum("x,cx->c", state.velocity[0] - state.velocity[1], normals)
         lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
-
-        normal, friction = hit.normal_impulse, float(np.linalg.norm(hit.friction_impulse))
-        found.add("normal_impulse", "9, 12", "N s", rows["normal_impulse"], normal, normal)
-        if self.setup.model.static_friction > 0.0:
-            values = rows["friction_impulse"]
-            found.add("friction_impulse", "14-18", "N s", values, friction, friction or normal)
         e = self.setup.model.restitution
         found.add("restitution", "5, 8", "1", parting / before, e, e or 1.0)
         found.add("energy_lost", "3-9", "J", lost, hit.energy_lost, energy)
@@ -68,7 +101,6 @@ class PairJudge:
         add_momentum(found, run, copies)
         path = approach * self.setup.end_time
         found.add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
-        return found
 
     def _distance(self, setup: Setup, run: Run) -> np.ndarray:
         """Distance (T, copies) of the farther particle from its exact path."""

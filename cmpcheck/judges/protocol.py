@@ -20,6 +20,7 @@ from reference.state import Setup
 
 REMOVED_VOLUME_LIMIT = 0.03  # a wider tolerance than this part of the quantity is no test
 LIMIT = 0.01
+UNOBSERVED = "not observed"  # provenance["contacts"] of a run without a ledger
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,19 @@ class Measured:
     against_exact: bool = False  # engines, too, are judged against the exact value
     rounding: float = 0.0  # > 0: no discretisation enters; the bound of its rounding error
     expected_error: float = 0.0  # uncertainty of the expected value itself
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One impact as the closed form has it: where a contact that takes time can make a difference."""
+
+    time: float  # s
+    particles: tuple[int, ...]  # one that strikes the surface, or both of a pair
+    normal: np.ndarray  # (3,), out of the surface, or from the first particle to the second
+    change: np.ndarray  # (3,), of the momentum of the first particle, N s; a second one has the opposite
+    approach: float  # m/s, along the normal before the impact, positive
+    slip: np.ndarray  # (3,), m/s, velocity across it
+    turning: float  # 1/m, by which the normal turns for each length of slip; 0 on a plane
 
 
 class Findings(list[Measured]):
@@ -80,6 +94,11 @@ def add_momentum(found: Findings, run: Run, copies: int) -> None:
     found.add("momentum", "3, 4, 12", "N s", q.momentum_change(run, copies), 0.0, scale, rounding=rounding)
 
 
+def observes_contacts(run: Run) -> bool:
+    """Whether the run has a ledger of contacts at all; without, only `measure_trajectory` can be asked."""
+    return run.provenance.get("contacts") != UNOBSERVED
+
+
 def add_mass_balance(found: Findings, run: Run, copies: int, density: float, scale: float) -> None:
     """Add mass gained less density times volume lost: only the rounding of both differences."""
     balance = q.mass_gained(run, copies) - density * q.volume_lost(run, copies)
@@ -105,6 +124,18 @@ class Judge(Protocol):
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
         """Every quantity of a run of the (tiled) setup."""
+        ...
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """The quantities that positions, velocities and masses tell: of a run whose ledger is empty."""
+        ...
+
+    def impacts(self) -> list[Impact] | None:
+        """The impacts of the closed form; None where what softness does to them has no bound."""
+        ...
+
+    def largest_force(self) -> float:
+        """Largest acceleration by other forces than contacts, m/s2."""
         ...
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:

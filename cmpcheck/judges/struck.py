@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Measured
+from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Impact, Measured
 from cmpcheck.judges.wall import wall_of
 from cmpcheck.phases import split, unwrapped
 from cmpcheck.results import Trace
@@ -51,14 +51,7 @@ class StruckJudge:
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
         """Speeds after, impulse of the wall, number of removing impacts and removed volume of each copy."""
-        copies, speed, found = setup.copies, self.speed, Findings()
-        after = q.final_velocity(run, copies)[..., 2]
-        for k, (name, value) in enumerate((("lower", self.exact.lower), ("upper", self.exact.upper))):
-            found.add("velocity_z", "9, 29", "m/s", after[:, k], value, speed, name)
-        impulse = q.momentum_change(run, copies)
-        found.add(
-            "normal_impulse", "29, 30", "N s", impulse, self.exact.normal_impulse, impulse.mean(), "wall"
-        )
+        found = Findings(self.measure_trajectory(setup, run))
         if self.removals:
             caps = [rows["removed_volume"].to_numpy() for rows in q.contacts_by_copy(run, setup, "surface")]
             counts = np.array([float((cap > 0.0).sum()) for cap in caps])
@@ -68,6 +61,26 @@ class StruckJudge:
                 "removed_volume", "36", "m3", volumes, self.volume, self.volume,
                 limit=REMOVED_VOLUME_LIMIT, against_exact=True,
             )  # fmt: skip
+        return found
+
+    def impacts(self) -> list[Impact] | None:
+        """No bound: soft contacts make one long contact of them."""
+        return None
+
+    def largest_force(self) -> float:
+        """None acts."""
+        return 0.0
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """Speeds after, and the impulse of the wall."""
+        copies, speed, found = setup.copies, self.speed, Findings()
+        after = q.final_velocity(run, copies)[..., 2]
+        for k, (name, value) in enumerate((("lower", self.exact.lower), ("upper", self.exact.upper))):
+            found.add("velocity_z", "9, 29", "m/s", after[:, k], value, speed, name)
+        impulse = q.momentum_change(run, copies)
+        found.add(
+            "normal_impulse", "29, 30", "N s", impulse, self.exact.normal_impulse, impulse.mean(), "wall"
+        )
         return found
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:

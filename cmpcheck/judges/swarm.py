@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import Findings, Measured, add_momentum
+from cmpcheck.judges.protocol import Findings, Impact, Measured, add_momentum
 from cmpcheck.results import Trace
 from reference.recording import Run
 from reference.state import Setup
@@ -35,6 +35,20 @@ class SwarmJudge:
         drift = q.free_flight_change(run, setup)
         found.add("free_flight", "2", "m/s", drift, 0.0, speed, rounding=steps * q.EPS * speed)
         return found
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """Momentum only: when contacts begin, which decides the rest, a trajectory does not tell."""
+        found = Findings()
+        add_momentum(found, run, setup.copies)
+        return found
+
+    def impacts(self) -> list[Impact] | None:
+        """Not known beforehand; each keeps the momentum, whatever its duration."""
+        return None
+
+    def largest_force(self) -> float:
+        """None acts."""
+        return 0.0
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Kinetic energy over time."""

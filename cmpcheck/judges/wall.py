@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from cmpcheck import quantities as q
-from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Measured, add_mass_balance
+from cmpcheck.judges.protocol import REMOVED_VOLUME_LIMIT, Findings, Impact, Measured, add_mass_balance
 from cmpcheck.phases import split, surfaces, unwrapped
 from cmpcheck.results import Trace
 from reference import exact
@@ -104,6 +104,54 @@ class WallJudge:
             found.add("normal_impulse", "29, 30", "N s", q.model_impulse(rows), impulse, impulse, place)
             self._add_removal(found, hit, rows, place)
             before = hit.velocity
+        self._add_flight(found, setup, run)
+        if any(hit.removal.volume > 0.0 for hit in hits):
+            self._add_mass(found, run, copies)
+        self._add_distance(found, setup, run)
+        return found
+
+    def measure_trajectory(self, setup: Setup, run: Run) -> list[Measured]:
+        """The impulse of a single impact by the change of momentum; velocity, mass, energy and the path."""
+        found, copies, flight = Findings(), setup.copies, self.exact
+        if len(flight.hits) == 1:
+            momentum = [
+                split(run.masses[k], copies)[:, 0]
+                * (split(run.velocities[k], copies)[:, 0] @ flight.normals[0])
+                for k in (0, -1)
+            ]
+            impulse = flight.hits[0].normal_impulse
+            found.add("normal_impulse", "29, 30", "N s", momentum[1] - momentum[0], impulse, impulse)
+        self._add_flight(found, setup, run)
+        if self.setup.model.mass_pickup and any(hit.removal.volume > 0.0 for hit in flight.hits):
+            self._add_mass_gained(found, run, copies)
+        self._add_distance(found, setup, run)
+        return found
+
+    def impacts(self) -> list[Impact] | None:
+        """Those of the exact flight; on a curved surface, each decides where the next one is."""
+        flight, impacts = self.exact, []
+        flat = not self.setup.state.heights.any()
+        if not flat and len(flight.hits) > 1:
+            return None
+        masses = [float(self.setup.state.mass[0]), *(hit.mass for hit in flight.hits)]
+        for k, (hit, normal) in enumerate(zip(flight.hits, flight.normals, strict=True)):
+            before = flight.velocities[k]
+            slip = before - (before @ normal) * normal
+            change = hit.mass * hit.velocity - masses[k] * before
+            turning = 0.0 if flat else 2.0 / float(self.setup.state.diameter[0])
+            impacts.append(
+                Impact(flight.times[k], (0,), normal, change, -float(before @ normal), slip, turning)
+            )
+        return impacts
+
+    def largest_force(self) -> float:
+        """None acts."""
+        return 0.0
+
+    def _add_flight(self, found: Findings, setup: Setup, run: Run) -> None:
+        """What velocities and masses at the end tell."""
+        copies, start, hits = setup.copies, self.setup.state, self.exact.hits
+        speed = float(np.linalg.norm(start.velocity[0]))
         after = q.final_velocity(run, copies)[:, 0]
         for axis, name in enumerate("xyz"):
             final = self.exact.velocities[-1][axis]
@@ -118,11 +166,10 @@ class WallJudge:
         energy = 0.5 * float(start.mass[0]) * speed**2
         lost = q.kinetic_energy(run, 0, copies) - q.kinetic_energy(run, -1, copies)
         found.add("energy_lost", "29, 31", "J", lost, sum(hit.energy_lost for hit in hits), energy)
-        if any(hit.removal.volume > 0.0 for hit in hits):
-            self._add_mass(found, run, copies)
-        path = speed * self.setup.end_time
+
+    def _add_distance(self, found: Findings, setup: Setup, run: Run) -> None:
+        path = float(np.linalg.norm(self.setup.state.velocity[0])) * self.setup.end_time
         found.add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
-        return found
 
     def _add_removal(self, found: Findings, hit: exact.WallImpact, rows: pd.DataFrame, place: str) -> None:
         """Load and cap of one impact.  Engines share these kernels, so all are judged by closed forms."""
@@ -137,11 +184,17 @@ class WallJudge:
                 "removed_volume", "36", "m3", values, volume, volume, place, limit=limit, against_exact=True
             )
 
-    def _add_mass(self, found: Findings, run: Run, copies: int) -> None:
+    def _add_mass_gained(self, found: Findings, run: Run, copies: int) -> float:
+        """Add the mass picked up; returns what the surface has lost, kg."""
         model, limit = self.setup.model, REMOVED_VOLUME_LIMIT
         cut = sum(hit.removal.volume for hit in self.exact.hits) * model.surface_density
         gained, expected = q.mass_gained(run, copies), cut if model.mass_pickup else 0.0
         found.add("removed_mass", "36", "kg", gained, expected, cut, limit=limit, against_exact=True)
+        return cut
+
+    def _add_mass(self, found: Findings, run: Run, copies: int) -> None:
+        model, limit = self.setup.model, REMOVED_VOLUME_LIMIT
+        cut = self._add_mass_gained(found, run, copies)
         deeper = model.deposit == DEPOSIT_NODE_DEPTH
         amounts = [
             hit.removal.depth * model.spacing**2 if deeper else hit.removal.volume for hit in self.exact.hits

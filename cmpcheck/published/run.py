@@ -73,6 +73,7 @@ def run_benchmark(task: BenchmarkTask) -> CaseResult:
     found: list[Series] = []
     for engine in task.engines:
         if engine not in RUNNERS:
+            result.notes.append(f"Not run in {engine}: benchmarks have decks for {', '.join(RUNNERS)}.")
             continue
         if 0.0 in benchmark.sweep.values and benchmark.sweep.kind == "restitution":
             variant = member_name(benchmark, 0)
@@ -120,10 +121,7 @@ def run_series(
     path = (
         task.decks[benchmark.name] if own else deck_path(benchmark.name, "" if engine == "lammps" else engine)
     )
-    try:
-        deck = Deck(path, path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+    deck = Deck.read(path)
     contact = contact_of(benchmark, material, model, restitution)
     scenes = [build_scene(benchmark, material, contact, level) for level in range(LEVELS[task.profile])]
     measured = [measure(benchmark, scene, RUNNERS[engine](deck, scene)) for scene in scenes]

@@ -33,6 +33,7 @@ from cmpcheck.studies import (
     spacing,
     threshold,
     time_step,
+    wear,
 )
 
 StudyFunction = Callable[[str, Path], StudyResult]
@@ -44,6 +45,7 @@ STUDIES: dict[str, StudyFunction] = {  # as they stand in the report
     "acceleration": acceleration.study,
     "threshold": threshold.study,
     "fine_abrasive": fine_abrasive.study,
+    "wear": wear.study,
     "remeshing": remeshing.study,
     "polish_full": polish_full.study,
 }

@@ -61,6 +61,13 @@ from reference.exact.wall import (
     removing_impact,
     wall_impact,
 )
+from reference.exact.wear import (
+    finnie_angle,
+    finnie_contact,
+    finnie_contact_excess,
+    finnie_contact_quadrature,
+    finnie_impact,
+)
 
 __all__ = [
     "BounceTrain",
@@ -89,6 +96,11 @@ __all__ = [
     "drag_motion",
     "drop_onto_heightfield",
     "fastest_return",
+    "finnie_angle",
+    "finnie_contact",
+    "finnie_contact_excess",
+    "finnie_contact_quadrature",
+    "finnie_impact",
     "first_touch",
     "fixed_point_ratio",
     "hertz_duration",
