@@ -125,5 +125,6 @@ def spinless_restitution(benchmark: Benchmark, contact: Contact) -> np.ndarray:
             contact.mass, heavy, [tangential, 0.0, -normal], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0],
             contact.restitution, contact.friction,
         )  # fmt: skip
-        found.append(float(hit.velocity_i[0]) / tangential)
+        e_t = float(hit.velocity_i[0]) / tangential
+        found.append(e_t if e_t > 1e-9 else 0.0)  # it sticks, but for the mass of the wall
     return np.array(found)
