@@ -78,14 +78,13 @@ def compare(
     from cmpcheck import outputs
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
-    from cmpcheck.suite import comparable_cases, run_suite
+    from cmpcheck.suite import comparable_cases, run_suite, variants_by_case
     from cmpcheck.trajectories import Options, requested
     from cmpcheck.verdicts import headline
-    from reference.case import load_case
 
     studies = _studies(study or [], everything=profile is Profile.full and not cases)
     names = cases or ([] if study else comparable_cases(profile.value, engine or []))
-    variants = {case.name: [v.variant for v in case.variants()] for case in map(load_case, names)}
+    variants = variants_by_case(names)
     loaded = {name: len(found) for name, found in variants.items()}
     if len(loaded) < len(names):
         raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
@@ -272,10 +271,13 @@ def doctor() -> None:
 @command()
 def cases() -> None:
     """List the cases that ship, a sentence each."""
+    from cmpcheck.published import benchmark_names, load_benchmark
     from reference.case import available_cases, load_case
 
     for name in available_cases():
         typer.echo(f"{name:<16} {load_case(name).case.description}")
+    for name in benchmark_names():
+        typer.echo(f"{name:<16} {load_benchmark(name).sentence}")
 
 
 @command()
@@ -292,17 +294,21 @@ def init(
     from cmpcheck.engines.lammps_library import EngineError
     from cmpcheck.engines.lammps_setup import Deck, deck_path
     from cmpcheck.outputs import write_new
+    from cmpcheck.published import benchmark_names
     from reference.case import CASES, CaseError, available_cases
     from reference.toml_source import nearest
 
-    if case not in available_cases():
-        raise CaseError(f"unknown case {case!r}: {nearest(case, available_cases())}")
+    known = available_cases() + (benchmark_names() if deck else [])
+    if case not in known:
+        raise CaseError(f"unknown case {case!r}: {nearest(case, known)}")
     try:
         source = deck_path(case) if deck else CASES / f"{case}.toml"
     except EngineError as problem:
         raise BadInput(str(problem)) from None
     text = source.read_text("utf-8")
-    write_new(file, contract(case, Deck(source, text)) if deck else text, force)
+    if deck and case not in benchmark_names():  # whose decks say at their top what they need
+        text = contract(case, Deck(source, text))
+    write_new(file, text, force)
     typer.echo(str(file))
 
 

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
 from cmpcheck.optimise.links import DesignLink
-from cmpcheck.results import CaseResult, Comparison, Convergence, Ensemble, SuiteResult, Trace
+from cmpcheck.results import CaseResult, Chart, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.study_page import PrintedTable, printed_studies, printed_table
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
@@ -171,7 +171,8 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
         convergences = [c for c in case.convergences if ("1" if c.engine == REFERENCE else home) == part]
         crossed = {t.label for t in case.traces if t.engine not in (REFERENCE, "exact")}
         traces = [t for t in case.traces if (home if t.label in crossed else "1") == part]
-        if not (own or convergences or traces or ensembles):
+        charts = case.charts if part == "2" else []
+        if not (own or convergences or traces or ensembles or charts):
             continue
         anchor = f"part-{part}-case-{index + 1}"
         ordered = verdicts.worst_first(own)
@@ -182,11 +183,21 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
             [printed_row(row) for row in ordered[:shown]] if len(own) > shown + 2 else [], tally_text(own),
         )  # fmt: skip
         block.first = part == min(map(verdicts.part_of, case.comparisons), default=part)
+        block.panels += _chart_panels(charts, block.number)
         _draw(block, traces, convergences)
         block.tables = [printed_table(table) for table in case.tables] if part == "2" else []
         block.ensembles = [_ensemble(e, f"e{block.number}.{k}") for k, e in enumerate(ensembles)]
         blocks.append(block)
     return blocks
+
+
+def _chart_panels(charts: Sequence[Chart], number: str) -> list[Panel]:
+    from cmpcheck.charts import chart_figure
+
+    return [
+        Panel(Markup(chart_figure(chart, f"c{number}.{k}")), printable(chart.caption))
+        for k, chart in enumerate(charts)
+    ]
 
 
 def _ensemble(ensemble: Ensemble, key: str) -> EnsembleBlock:

@@ -246,6 +246,7 @@ class CaseResult:
     seconds: float = 0.0
     ensembles: list[Ensemble] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)  # findings about the case, shown with other engines
+    charts: list[Chart] = field(default_factory=list)  # likewise
 
 
 @dataclass(frozen=True)

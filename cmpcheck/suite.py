@@ -28,6 +28,8 @@ from cmpcheck.judges.protocol import observes_contacts
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
+from cmpcheck.published import benchmark_names, load_benchmark
+from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
 from cmpcheck.results import (
     CaseResult,
     Comparison,
@@ -103,17 +105,30 @@ def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
     """The cases that ship and say, by an `[engine.NAME]` table, how another engine resolves them.
 
     With `engines`, those that say so for one of them.  Ensembles, whose verdict needs minutes of samples, are
-    compared by default in the full profile only.
+    compared by default in the full profile only.  Benchmarks of the field, which engines alone run, follow.
     """
     others = set(engines) - {"reference"}
     cases = [load_case(name) for name in available_cases()]
-    return [
+    names = [
         case.name
         for case in cases
         if case.engine
         and (not others or any(has_settings(case, name) for name in others))
         and (profile == "full" or not is_ensemble(case))
     ]
+    return names + (benchmark_names() if not engines or others & set(RUNNERS) else [])
+
+
+def variants_by_case(names: Sequence[str]) -> dict[str, list[str]]:
+    """Each case's own name and its variants, a benchmark being one.  Raises CaseError for what is no case."""
+    found = {}
+    for name in names:
+        if name in benchmark_names():
+            found[name] = [""]
+        else:
+            case = load_case(name)
+            found[case.name] = [variant.variant for variant in case.variants()]
+    return found
 
 
 def is_ensemble(case: Case) -> bool:
@@ -142,7 +157,8 @@ def run_suite(
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
-    loaded = [load_case(name) for name in cases]
+    published = [name for name in cases if name in benchmark_names()]
+    loaded = [load_case(name) for name in cases if name not in published]
     for name, count in Counter(case.name for case in loaded).items():
         if count > 1:
             raise CaseError(f"{name}: {count} files with this case.name; allowed: a name of its own for each")
@@ -152,6 +168,9 @@ def run_suite(
         if engines is None or name in ("reference", *engines)
     ]
     files = trajectories or Trajectories()
+    for name, _ in files.files:
+        if name in published:
+            raise CaseError(f"{name}: a sweep of impacts, which one trajectory does not hold")
     others = tuple(info.name for info in infos if info.available and info.name != "reference")
     tasks = []
     for case in loaded:
@@ -183,14 +202,22 @@ def run_suite(
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
+    results += run_benchmarks(
+        [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
+        jobs,
+        None if progress is None else lambda name: progress(name, 1, 1),
+    )
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
         names = ", ".join(path.name for path in files.files.values())
         infos.append(EngineInfo(TRAJECTORY, names, True))
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
-        found.tables = contact_places(found.comparisons)
-    result = SuiteResult(profile, infos, results, provenance.collect(loaded))
+        found.tables += contact_places(found.comparisons) if found.name not in published else []
+    origin = provenance.collect(loaded)
+    if published:
+        origin["benchmarks"] = {name: {"digest": load_benchmark(name).digest} for name in published}
+    result = SuiteResult(profile, infos, results, origin)
     try:
         result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
     except Exception as problem:  # pictures must not cost the comparisons

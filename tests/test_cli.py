@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from cmpcheck import outputs
 from cmpcheck.cli import app
+from cmpcheck.published import benchmark_names, load_benchmark
 from reference.case import CASES, available_cases, load_case
 from reference.recording import Run
 
@@ -79,8 +80,20 @@ def test_help_loads_neither_the_model_nor_an_engine():
 
 def test_cases_lists_every_case_with_its_sentence():
     lines = call("cases").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == available_cases()
-    assert all(load_case(line.split()[0]).case.description in line for line in lines)
+    assert [line.split()[0] for line in lines] == available_cases() + benchmark_names()
+    sentences = [load_case(name).case.description for name in available_cases()]
+    sentences += [load_benchmark(name).sentence for name in benchmark_names()]
+    assert all(sentence in line for sentence, line in zip(sentences, lines, strict=True))
+
+
+def test_a_benchmark_has_a_deck_to_start_from_and_takes_no_trajectory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("init", "--deck", "chung_ooi_4", "in.mine").exit_code == 0
+    assert "wall/gran granular" in Path("in.mine").read_text("utf-8")
+    assert "unknown case" in complaint("init", "chung_ooi_4", "mine.toml")
+    Path("path.csv").write_text("time\n", "utf-8")
+    entry = "chung_ooi_4=path.csv"
+    assert "a sweep of impacts" in complaint("compare", "chung_ooi_4", "--trajectory", entry)
 
 
 def test_doctor_names_every_engine_and_succeeds_where_nothing_is_missing():

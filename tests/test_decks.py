@@ -16,6 +16,7 @@ from cmpcheck.deck import run_deck
 from cmpcheck.engines.lammps_library import EngineError, available
 from cmpcheck.engines.lammps_setup import Deck, deck_path
 from cmpcheck.fixes.layout import STATE_COLUMNS
+from cmpcheck.published import benchmark_names
 from cmpcheck.study import contact_settings
 from cmpcheck.three_bodies import struck_softly
 from reference.case import CaseError, available_cases, load_case
@@ -99,7 +100,7 @@ def test_every_case_has_a_deck_but_the_long_ones_and_every_deck_a_case():
     designs = [name for name in available_cases() if load_case(name).optimise is not None]
     assert sorted([*DECKS, *TOO_LONG, *designs]) == available_cases()
     found = {path.name for path in deck_path("swarm").parent.glob("in.*")}
-    assert found == {f"in.{name}" for name in DECKS}
+    assert found == {f"in.{name}" for name in (*DECKS, *benchmark_names())}
 
 
 @needs_lammps

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
@@ -53,13 +54,25 @@ class LiggghtsEngine:
         deck = Deck.read(path)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
-        child = _child(os.getpid())
         try:
-            seen = child.call(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
+            seen = ask_child(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
             return observed_run(setup, resolution, seen, time_step, self.name, version())
-        except (ChildError, ValueError) as error:
-            said = last_words(child.folder / SCREEN, NOISE)
-            raise EngineError(f"{label(setup)}: LIGGGHTS: {error}{said}") from None
+        except EngineError as error:
+            raise EngineError(f"{label(setup)}: {error}") from None
+        except ValueError as error:
+            raise EngineError(f"{label(setup)}: LIGGGHTS: {error}") from None
+
+
+def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+    """The value of function(*arguments), in this process's child, where LIGGGHTS may be opened.
+
+    Raises EngineError, with the last that LIGGGHTS said, when the child dies, is late or raises.
+    """
+    child = _child(os.getpid())
+    try:
+        return child.call(function, *arguments, timeout=timeout)
+    except ChildError as error:
+        raise EngineError(f"LIGGGHTS: {error}{last_words(child.folder / SCREEN, NOISE)}") from None
 
 
 @cache

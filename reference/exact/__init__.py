@@ -27,6 +27,13 @@ from reference.exact.flow import (
     stokes_time,
     terminal_slips,
 )
+from reference.exact.hertz import (
+    ElasticImpact,
+    damping_ratio,
+    fastest_return,
+    hertz_impact,
+    spring_impact,
+)
 from reference.exact.indent import (
     Removal,
     cap_depth,
@@ -36,6 +43,7 @@ from reference.exact.indent import (
     tensor_von_mises,
     yield_radius,
 )
+from reference.exact.oblique import Law, Rebound, oblique_impact, sliding, sliding_angle
 from reference.exact.struck import Struck, resting_struck
 from reference.exact.touch import (
     SurfaceTouch,
@@ -64,9 +72,12 @@ from reference.exact.wear import (
 __all__ = [
     "BounceTrain",
     "DragMotion",
+    "ElasticImpact",
+    "Law",
     "NormalImpact",
     "PairCollision",
     "PairTrajectory",
+    "Rebound",
     "Removal",
     "Sphere",
     "SphereTouch",
@@ -80,9 +91,11 @@ __all__ = [
     "cap_depth",
     "cap_volume",
     "couette_motion",
+    "damping_ratio",
     "drag_coefficient",
     "drag_motion",
     "drop_onto_heightfield",
+    "fastest_return",
     "finnie_angle",
     "finnie_contact",
     "finnie_contact_excess",
@@ -91,17 +104,22 @@ __all__ = [
     "first_touch",
     "fixed_point_ratio",
     "hertz_duration",
+    "hertz_impact",
     "hertz_integral",
     "implicit_euler_speed",
     "meet_heightfield",
     "meet_plane",
     "normal_impact",
+    "oblique_impact",
     "pair_collision",
     "pair_trajectory",
     "point_load_stress",
     "removal",
     "removing_impact",
     "resting_struck",
+    "sliding",
+    "sliding_angle",
+    "spring_impact",
     "stokes_motion",
     "stokes_time",
     "tensor_von_mises",
