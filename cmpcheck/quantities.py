@@ -89,6 +89,16 @@ def model_impulse(rows: pd.DataFrame) -> np.ndarray:
     return rows["normal_impulse"].to_numpy(float) - rows["external_force"].to_numpy(float) * missing
 
 
+def pair_model_impulse(rows: pd.DataFrame, reduced_mass: float) -> np.ndarray:
+    """As `model_impulse` for pairs: Eq 9's J contains m* (E_in/m_i - E_jn/m_j) delta t, in N s.
+
+    Parameters: reduced_mass m*, kg; in the ledger the external force of a pair is an acceleration.
+    """
+    missing = rows["duration"].to_numpy(float) - rows["contact_time"].to_numpy(float)
+    given = rows["normal_impulse"].to_numpy(float)
+    return given + reduced_mass * rows["external_force"].to_numpy(float) * missing
+
+
 def free_flight_change(run: Run, setup: Setup) -> float:
     """Largest change of a velocity component, in m/s, between outputs without a contact of the particle.
 

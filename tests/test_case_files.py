@@ -18,11 +18,13 @@ from reference.case_sections import Material, Particle
 from reference.units import to_si
 
 ISSUED = {
-    "asperity_bounce": ("plateau", "edge", "corner", "flank", "valley"),
+    "asperity_bounce": ("plateau", "node_depth", "edge", "corner", "flank", "valley"),
     "bounce_train": ("",),
     "couette_drift": ("",),
     "drag_regimes": ("",),
     "drag_relaxation": ("",),
+    "pad_strike": ("",),
+    "pair_drag": ("",),
     "pair_head_on": ("e0.2", "e0.5", "e0.8", "e1"),
     "pair_slip": ("",),
     "pair_stick": ("",),

@@ -20,7 +20,7 @@ import pandas as pd
 from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
 from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, create_atoms, deck_path, execute, variables
 from cmpcheck.engines.protocol import Resolution
-from cmpcheck.fixes.layout import MICRO
+from cmpcheck.fixes.layout import FORMS, MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
 from cmpcheck.results import EngineInfo
 from reference.heightfield import Heightfield
@@ -115,7 +115,7 @@ def _simulate(
         setup.state.modulus,
         setup.state.heights,
         pad_height=setup.state.pad_height,
-        form="observe" if native else resolution.form,
+        form="observe" if native else FORMS[0] if resolution.form == "native" else resolution.form,
         contact_duration=resolution.contact_duration,
         sample_every=stride,
         max_samples=len(setup.output_times),

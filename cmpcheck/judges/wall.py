@@ -13,9 +13,11 @@ from cmpcheck.phases import split, surfaces, unwrapped
 from cmpcheck.results import Trace
 from reference import exact
 from reference.contact import effective_modulus
-from reference.heightfield import Heightfield
+from reference.heightfield import Heightfield, flatness
 from reference.recording import Run
 from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, Setup
+
+FLATTER = 1e-6  # a smaller change of Pi is lost in the round-off of its sum
 
 
 class Flight(NamedTuple):
@@ -26,6 +28,7 @@ class Flight(NamedTuple):
     velocities: list[np.ndarray]  # before the first, and after each impact, m/s
     hits: list[exact.WallImpact]
     normals: list[np.ndarray]
+    heights: np.ndarray  # of the surface at the end, m
 
     def position(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Centres (T, 3) at given times, m."""
@@ -54,26 +57,25 @@ def wall_of(setup: Setup) -> exact.Wall:
 def fly(setup: Setup, surface: Heightfield, position: np.ndarray) -> Flight:
     """Exact flight of particle 0 from `position` until the end, lowering a copy of the surface as it goes."""
     model, wall = setup.model, wall_of(setup)
-    surface = Heightfield(surface.z, surface.spacing)
     radius, mass = float(setup.state.diameter[0]) / 2, float(setup.state.mass[0])
-    flight = Flight([], [], [setup.state.velocity[0]], [], [])
+    z, flight = surface.z, Flight([], [], [setup.state.velocity[0]], [], [], surface.z)
     clock, centre, velocity = 0.0, np.array(position), setup.state.velocity[0]
     while velocity[2] < 0.0:
-        touch = exact.meet_heightfield(surface.z, surface.spacing, centre, velocity, radius)
+        touch = exact.meet_heightfield(z, surface.spacing, centre, velocity, radius)
         clock += touch.time
         if not clock < setup.end_time:
             break
         hit = exact.removing_impact(mass, radius, velocity, touch.normal, wall)
-        lower = surface.lower_node if model.deposit == DEPOSIT_NODE_DEPTH else surface.remove_volume
-        amount = hit.removal.depth if model.deposit == DEPOSIT_NODE_DEPTH else hit.removal.volume
-        lower(touch.point[0], touch.point[1], model.acceleration * amount)
+        amount = "depth" if model.deposit == DEPOSIT_NODE_DEPTH else "volume"
+        taken = {amount: model.acceleration * getattr(hit.removal, amount)}
+        z = exact.lowered(z, surface.spacing, touch.point[0], touch.point[1], **taken)
         centre, velocity, mass = touch.centre, hit.velocity, hit.mass
         flight.times.append(clock)
         flight.points.append(centre)
         flight.velocities.append(velocity)
         flight.hits.append(hit)
         flight.normals.append(touch.normal)
-    return flight
+    return flight._replace(heights=z)
 
 
 class WallJudge:
@@ -120,6 +122,7 @@ class WallJudge:
         found.add("energy_lost", "29, 31", "J", lost, sum(hit.energy_lost for hit in hits), energy)
         if any(hit.removal.volume > 0.0 for hit in hits):
             self._add_mass(found, run, copies)
+            self._add_shape(found, run, copies)
         path = speed * self.setup.end_time
         found.add("trajectory_distance", "2, 37", "m", self._distance(setup, run).max(axis=0), 0.0, path)
         return found
@@ -154,6 +157,27 @@ class WallJudge:
         )  # fmt: skip
         if model.mass_pickup and model.deposit != DEPOSIT_NODE_DEPTH and model.acceleration == 1.0:
             add_mass_balance(found, run, copies, model.surface_density, cut)
+
+    def _add_shape(self, found: Findings, run: Run, copies: int) -> None:
+        """The node that departs farthest from where it should be, and how much flatter the surface is."""
+        assert run.surface is not None
+        ends = surfaces(run.surface, copies)
+        fall = float((self.surface.z - self.exact.heights).max())
+        wrong = [float(np.abs(end.z - self.exact.heights).max()) for end in ends]
+        found.add(
+            "surface_shape", "36", "m", wrong, 0.0, fall, limit=REMOVED_VOLUME_LIMIT, against_exact=True,
+            expected_error=q.volume_rounding(run) / self.surface.spacing**2,
+        )  # fmt: skip
+        if not self.surface.z.any():
+            return
+        cost, start = self.setup.case.cost, self.surface.z
+        flatter = [1.0 - flatness(end.z, start, cost.target_height, cost.exponent) for end in ends]
+        expected = 1.0 - exact.flatness(self.exact.heights, start, cost.target_height, cost.exponent)
+        if abs(expected) > FLATTER:
+            found.add(
+                "flatness", "44", "1", flatter, expected, abs(expected), "1 - Pi", limit=REMOVED_VOLUME_LIMIT,
+                against_exact=True, expected_error=q.EPS * (start.size + 10),
+            )  # fmt: skip
 
     def _flights(self, setup: Setup) -> list[tuple[np.ndarray, Flight]]:
         heights = surfaces(Heightfield(setup.state.heights, setup.model.spacing), setup.copies)

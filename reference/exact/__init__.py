@@ -5,6 +5,7 @@ Nothing here is imported from the model's files (contact, drag, removal, heightf
 no comparison is made here.  SI floats throughout; vectors have shape (3,).
 """
 
+from reference.exact.adaptive import AdaptiveRun, adaptive_stokes
 from reference.exact.collision import (
     NormalImpact,
     PairCollision,
@@ -16,6 +17,8 @@ from reference.exact.collision import (
     pair_collision,
     pair_trajectory,
 )
+from reference.exact.deposit import flatness, lowered
+from reference.exact.dragged import DraggedCollision, NoTouch, dragged_collision, impact_in_flow
 from reference.exact.flow import (
     DragMotion,
     couette_motion,
@@ -36,6 +39,7 @@ from reference.exact.indent import (
     tensor_von_mises,
     yield_radius,
 )
+from reference.exact.pad import Pad, PadImpact, between_wall_and_pad
 from reference.exact.struck import Struck, resting_struck
 from reference.exact.touch import (
     SurfaceTouch,
@@ -55,9 +59,14 @@ from reference.exact.wall import (
 )
 
 __all__ = [
+    "AdaptiveRun",
     "BounceTrain",
     "DragMotion",
+    "DraggedCollision",
+    "NoTouch",
     "NormalImpact",
+    "Pad",
+    "PadImpact",
     "PairCollision",
     "PairTrajectory",
     "Removal",
@@ -67,7 +76,9 @@ __all__ = [
     "SurfaceTouch",
     "Wall",
     "WallImpact",
+    "adaptive_stokes",
     "arrival",
+    "between_wall_and_pad",
     "bounce_train",
     "broken_line",
     "cap_depth",
@@ -75,12 +86,16 @@ __all__ = [
     "couette_motion",
     "drag_coefficient",
     "drag_motion",
+    "dragged_collision",
     "drop_onto_heightfield",
     "first_touch",
     "fixed_point_ratio",
+    "flatness",
     "hertz_duration",
     "hertz_integral",
+    "impact_in_flow",
     "implicit_euler_speed",
+    "lowered",
     "meet_heightfield",
     "meet_plane",
     "normal_impact",
