@@ -84,6 +84,4 @@ class DraggedPairJudge:
         positions = unwrapped(run, setup)[:, :2]
         gap = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=1) - setup.state.diameter[:2].mean()
         name, variant = setup.case.name, setup.case.variant
-        return [
-            Trace(name, variant, engine, "gap between the spheres", "m", tuple(run.times), tuple(gap))
-        ]
+        return [Trace(name, variant, engine, "gap between the spheres", "m", tuple(run.times), tuple(gap))]

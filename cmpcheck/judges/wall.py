@@ -31,10 +31,10 @@ class Flight(NamedTuple):
     heights: np.ndarray  # of the surface at the end, m
 
     def position(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Centres (T, 3) at given times, m."""
+        """Centres (T, 3) at given times, m; before time 0 on the way to where it starts."""
         knots = np.array([0.0, *self.times])
         centres = np.array([start, *self.points])
-        leg = np.searchsorted(knots, times, side="right") - 1
+        leg = np.maximum(np.searchsorted(knots, times, side="right") - 1, 0)
         return centres[leg] + np.array(self.velocities)[leg] * (times - knots[leg])[:, np.newaxis]
 
 
@@ -179,24 +179,23 @@ class WallJudge:
                 against_exact=True, expected_error=q.EPS * (start.size + 10),
             )  # fmt: skip
 
-    def _flights(self, setup: Setup) -> list[tuple[np.ndarray, Flight]]:
-        heights = surfaces(Heightfield(setup.state.heights, setup.model.spacing), setup.copies)
-        shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
-        starts = split(setup.state.position, setup.copies)[:, 0]
-        return [
-            (start, fly(self.setup, surface, start - offset))
-            for start, surface, offset in zip(starts, heights, shift, strict=True)
-        ]
+    def _paths(self, setup: Setup, times: np.ndarray) -> np.ndarray:
+        """Exact centres (T, copies, 3) in the first copy's place: all fly one path, each at another phase."""
+        velocity, origin = self.setup.state.velocity[0], self.setup.state.position[0]
+        aside = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
+        apart = split(setup.state.position, setup.copies)[:, 0] - aside - origin
+        apart[:, :2] -= self.setup.model.length_x * np.round(apart[:, :2] / self.setup.model.length_x)
+        early = apart @ velocity / (velocity @ velocity)
+        paths = [self.exact.position(origin, times + shift) for shift in early]
+        # each starts where it was put, at whichever image that is
+        return np.stack(paths, axis=1) + (
+            split(setup.state.position, setup.copies)[:, 0] - aside - origin - apart
+        )
 
     def _distance(self, setup: Setup, run: Run) -> np.ndarray:
         """Distance (T, copies) from the exact path."""
         shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
-        positions = unwrapped(run, setup) - shift
-        paths = [
-            flight.position(start - shift[k], run.times)
-            for k, (start, flight) in enumerate(self._flights(setup))
-        ]
-        return np.linalg.norm(positions - np.stack(paths, axis=1), axis=2)
+        return np.linalg.norm(unwrapped(run, setup) - shift - self._paths(setup, run.times), axis=2)
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Height of the centre, and the normal impulse of each impact."""
@@ -205,9 +204,8 @@ class WallJudge:
         impacts = run.contacts[(run.contacts["i"] == 0) & (run.contacts["kind"] == "surface")]
         when, impulse = impacts["time"], impacts["normal_impulse"]
         if engine == "exact":
-            start, flight = self._flights(setup)[0]
-            heights = flight.position(start, run.times)[:, 2]
-            when, impulse = flight.times, [hit.normal_impulse for hit in flight.hits]
+            heights = self._paths(setup, run.times)[:, 0, 2]
+            when, impulse = self.exact.times, [hit.normal_impulse for hit in self.exact.hits]
         label = {"case": case.name, "variant": case.variant, "engine": engine}
         return [
             Trace(**label, label="height of the centre", unit="m", times=times, values=tuple(heights)),
