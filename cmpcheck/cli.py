@@ -14,7 +14,8 @@ from typing import Annotated
 
 import typer
 
-import cmpcheck.optimise.command  # noqa: F401  (it registers itself)
+import cmpcheck.optimise.command
+import cmpcheck.sensitivity.command  # noqa: F401  (they register themselves)
 from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 

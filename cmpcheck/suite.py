@@ -94,7 +94,9 @@ def comparable_cases(profile: str) -> list[str]:
 def is_ensemble(case: Case) -> bool:
     """Whether trajectories of a case part too early to be compared: many particles wear a surface."""
     alone = len(case.particle) == 1 and case.removal is None and case.fluid is None
-    return (case.pad is not None and not alone) or (case.particles is not None and case.surface.kind != "none")
+    return (case.pad is not None and not alone) or (
+        case.particles is not None and case.surface.kind != "none"
+    )
 
 
 def run_suite(

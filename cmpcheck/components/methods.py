@@ -8,7 +8,6 @@ from scipy import stats
 from cmpcheck.components.row import count, row, worst
 from cmpcheck.convergence import (
     SAFETY_CREDIBLE,
-    SAFETY_OTHERWISE,
     extrapolate,
     grid_convergence_index,
     phase_error,
@@ -99,7 +98,9 @@ def _genetic() -> list[Comparison]:
     new = population - 2 * parents
     return [
         count("worse_generations", "", worse, 0, "parents keep their place and cost", "genetic algorithm"),
-        count("genes_outside", "", outside, 0, "Phi A + (1 - Phi) B lies between A and B", "genetic algorithm"),
+        count(
+            "genes_outside", "", outside, 0, "Phi A + (1 - Phi) B lies between A and B", "genetic algorithm"
+        ),
         count("new_strings", "", max(fresh, key=lambda n: abs(n - new)), new, "S - 2K", "genetic algorithm"),
     ]
 
@@ -107,4 +108,6 @@ def _genetic() -> list[Comparison]:
 def _adaptive_mean() -> Comparison:
     """Of 0, 1, 0, 1, ... the means of 14 and 15 samples differ by 1/30, and those of 25 and 26 by 1/50."""
     found = adaptive_mean(lambda k: k % 2, minimum=15, tolerance=0.025)
-    return count("samples", "", len(found.values), 21, "7/15 - 1/2 = 1/30; 10/21 - 1/2 = 1/42", "adaptive mean")
+    return count(
+        "samples", "", len(found.values), 21, "7/15 - 1/2 = 1/30; 10/21 - 1/2 = 1/42", "adaptive mean"
+    )

@@ -59,6 +59,4 @@ def count(
 def failed(part: str, problem: Exception) -> Comparison:
     """A part that could not be checked."""
     nan, text = math.nan, " ".join(f"{type(problem).__name__}: {problem}".split())
-    return Comparison(
-        CASE, part, "reference", "run", "", "1", nan, nan, nan, nan, "precision", text, "error"
-    )
+    return Comparison(CASE, part, "reference", "run", "", "1", nan, nan, nan, nan, "precision", text, "error")

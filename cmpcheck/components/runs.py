@@ -110,5 +110,3 @@ EQUATIONS = {
     "energy": "3-9, 20-31", "momentum_x": "3, 12, 24", "momentum_y": "3, 12, 24", "momentum_z": "3, 12, 24",
     "mass": "36", "removed_mass": "36", "volume": "35, 36",
 }  # fmt: skip
-
-

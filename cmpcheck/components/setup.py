@@ -124,7 +124,9 @@ def _places(swarm: Setup) -> list[Comparison]:
         cutoff = share * float(periods[0])
         found = [tuple(sorted(pair)) for pair in neighbor_pairs(state.position, cutoff, periods).tolist()]
         near = {tuple(pair) for pair in np.argwhere(np.triu(distance < cutoff, 1)).tolist()}
-        wrong = len(near - set(found)) + sum(pair not in near for pair in found) + len(found) - len(set(found))
+        wrong = (
+            len(near - set(found)) + sum(pair not in near for pair in found) + len(found) - len(set(found))
+        )
         rows.append(count("wrong_pairs", "", wrong, 0, "missing, twice or too far", f"cutoff {share:g} D"))
     return rows
 

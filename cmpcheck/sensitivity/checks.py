@@ -246,4 +246,3 @@ def only_new(found: Sequence[Noticed], before: Sequence[Noticed]) -> list[Notice
     """The rows that are bad because of the error."""
     known = {row.key for row in before}
     return [row for row in found if row.key not in known]
-

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -18,9 +19,10 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 SYMBOL = "cmpcheck_seeded_error"
+VARIABLE = "CMPCHECK_SEEDED"  # of the environment: number and size of the error that is on from the start
 OFF = -1
 
-_numbers = (ctypes.c_double * 2)(OFF, 0.0)  # the number of the error, its size
+_numbers = (ctypes.c_double * 2)(*map(float, os.environ.get(VARIABLE, f"{OFF} 0").split()))
 llvmlite.binding.add_symbol(SYMBOL, ctypes.addressof(_numbers))
 
 

@@ -28,7 +28,9 @@ def lowered(
     if volume:
         third = [1.0, 0.0] if place[0] - corner[0] >= place[1] - corner[1] else [0.0, 1.0]
         nodes = corner + np.array([[0.0, 0.0], third, [1.0, 1.0]])
-        weights = np.linalg.solve(np.vstack([nodes.T - corner[:, None], np.ones(3)]), [*(place - corner), 1.0])
+        weights = np.linalg.solve(
+            np.vstack([nodes.T - corner[:, None], np.ones(3)]), [*(place - corner), 1.0]
+        )
         for (i, j), weight in zip(nodes.astype(int), weights, strict=True):
             z[i % z.shape[0], j % z.shape[1]] -= weight * volume / spacing**2
     if depth:
