@@ -66,8 +66,10 @@ def compare(
     from rich.console import Console
 
     from cmpcheck import outputs
+    from cmpcheck.components import CASE as COMPONENTS
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
+    from cmpcheck.sensitivity.page import section_beside
     from cmpcheck.suite import comparable_cases, run_suite
     from cmpcheck.verdicts import headline
     from reference.case import load_case
@@ -82,7 +84,8 @@ def compare(
     staging = outputs.stage_report(out, force)
     try:
         with progress_bars() as bars:
-            totals = loaded | dict.fromkeys(studies, 1)
+            components = not cases and not study
+            totals = loaded | dict.fromkeys([*([COMPONENTS] if components else []), *studies], 1)
             tasks = {name: bars.add_task(name, total=total) for name, total in totals.items()}
             result = run_suite(
                 names,
@@ -94,8 +97,9 @@ def compare(
                 lambda name, done, total: bars.update(tasks[name], completed=done, total=total),
                 studies,
                 RUNS,
+                components,
             )
-        write_report(result, staging, designs_beside(out))
+        write_report(result, staging, designs_beside(out), section_beside(out))
         outputs.publish_report(staging, out)
     except KeyboardInterrupt:
         complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)

@@ -16,6 +16,8 @@ from pathlib import Path
 
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
+from cmpcheck.components import CASE as COMPONENTS
+from cmpcheck.components import component_result
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import ENGINES, make_engine
 from cmpcheck.engines.protocol import Engine
@@ -109,12 +111,14 @@ def run_suite(
     progress: Progress | None = None,
     studies: Sequence[str] = (),
     runs: Path = Path("runs"),
+    components: bool = False,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
-    progress; names of studies, and the folder for runs of theirs that outlive the report.
+    progress; names of studies, and the folder for runs of theirs that outlive the report;
+    whether to check the components too, as a last case.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -150,6 +154,10 @@ def run_suite(
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
+    if components:
+        results.append(component_result())
+        if progress is not None:
+            progress(COMPONENTS, 1, 1)
     versions = {info.name: info.version for info in infos if info.available}
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)

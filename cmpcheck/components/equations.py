@@ -89,8 +89,8 @@ def _cap() -> list[Comparison]:
     ]  # fmt: skip
 
 
-# v^2 rho E*^4/sigma_y^5 at first yield, by Hertz: the peak pressure is then p_0 = 1.6 sigma_y, the contact's radius
-# a = pi p_0 R/(2 E*), the energy (8/15) E* a^5/R^2 = m v^2/2, and m = 4 pi rho R^3/3.
+# v^2 rho E*^4/sigma_y^5 at first yield, by Hertz: the peak pressure is then p_0 = 1.6 sigma_y, the radius of
+# the contact a = pi p_0 R/(2 E*), the energy (8/15) E* a^5/R^2 = m v^2/2, and m = 4 pi rho R^3/3.
 YIELD_CONSTANT = 2.0 * (8.0 / 15.0) * (math.pi * 1.6 / 2.0) ** 5 / (4.0 * math.pi / 3.0)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +35,7 @@ def checks() -> list[Comparison]:
     return [
         *_struck_in_flow(load_case("pair_drag")),
         *_adaptive(changed("drag_relaxation", numerics=paper, case={"outputs": 2})),
+        _resumed(changed("polish_pair", case={"duration": 2e-6, "outputs": 5})),
         *_books(wall, "adaptive steps on a wall"),
         *_books(changed("polish_pair", case=short), "polishing by depth"),
         *_books(changed("polish_pair", case=short, removal={"deposit": "volume"}), "polishing by volume"),
@@ -74,7 +77,7 @@ def _adaptive(case: Case) -> list[Comparison]:
     )  # fmt: skip
     run = simulate(case)
     reason = "counted with the iterates in closed form"
-    # positions up to L round an increment TOL way by eps L, and Phi with it; no step is below 0.05 of the largest
+    # positions up to L round an increment TOL way by eps L, and Phi with it; no step is below SHORTEST
     way = SHORTEST * setup.time_step * float(np.linalg.norm(state.velocity[0]))
     rounding = EPS * model.length_x / (case.numerics.tolerance * way)
     return [
@@ -85,6 +88,29 @@ def _adaptive(case: Case) -> list[Comparison]:
             "rounding of positions, eps L/(TOL way), in the lengths of the steps", place,
         ),
     ]  # fmt: skip
+
+
+class _Killed(Exception):
+    """What ends a run in the middle."""
+
+
+def _resumed(case: Case) -> Comparison:
+    """A run that is killed halfway and goes on is the same to the bit: arrays, contacts and books."""
+
+    def kill(done: float) -> None:
+        if done >= 0.5:
+            raise _Killed
+
+    whole = simulate(case)
+    with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
+        with contextlib.suppress(_Killed):
+            simulate(case, folder, kill, checkpoint_interval=0.0)
+        again = simulate(case, folder, resume=True)
+    names = ("times", "positions", "velocities", "masses")
+    wrong = sum(not np.array_equal(getattr(whole, name), getattr(again, name)) for name in names)
+    wrong += not whole.contacts.equals(again.contacts)
+    wrong += not whole.history.equals(again.history)
+    return count("changed_records", "", wrong, 0, "of arrays, contacts and history", "killed and resumed")
 
 
 def _books(case: Case, place: str) -> list[Comparison]:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cmpcheck.components.row import ROUNDING, count, row, worst
+from cmpcheck.components.row import EPS, ROUNDING, count, row, worst
 from cmpcheck.results import Comparison
 from reference import exact
 from reference.case import Case, load_case
@@ -16,6 +16,7 @@ from reference.heightfield import asperity_surface
 from reference.neighbors import neighbor_pairs
 from reference.process import build_setup, random_streams
 from reference.state import Setup
+from reference.units import to_si
 
 SAMPLES = 1000
 SURFACES = 64
@@ -26,6 +27,7 @@ def checks() -> list[Comparison]:
     """What all engines are given, from the case and geometry alone."""
     polish, swarm = load_case("polish_pair"), build_setup(load_case("swarm"))
     return [
+        _units(),
         *_particles(load_case("pair_slip")),
         *_particles(polish),
         *_pad(polish),
@@ -33,6 +35,14 @@ def checks() -> list[Comparison]:
         *_places(swarm),
         *_random_numbers(polish),
     ]
+
+
+def _units() -> Comparison:
+    """Quantities of case files in SI; a psi is a pound-force on a square inch."""
+    psi = 0.45359237 * 9.80665 / 0.0254**2
+    texts = [("0.9 um", "m", 9e-7), ("0.3 GPa", "Pa", 3e8), ("50 %", "", 0.5), ("4 psi", "Pa", 4.0 * psi)]
+    found = np.array([to_si(text, unit) / value for text, unit, value in texts])
+    return worst("units", "", found, np.ones(len(texts)), relative=10 * EPS, reason="rounding, 10 eps")
 
 
 def _particles(case: Case) -> list[Comparison]:
@@ -57,12 +67,12 @@ def _particles(case: Case) -> list[Comparison]:
     if case.particles is not None:
         part = case.particles
         widest = float(np.abs(state.diameter / part.mean_diameter - 1.0).max())
-        # of N uniform numbers the farthest from the middle lies within 1 - 1e-4^(1/N) of the end, 9999 in 10 000
+        # of N uniform numbers the widest lies within 1 - 1e-4^(1/N) of the end, 9999 times in 10 000
         slack = part.diameter_spread * -math.expm1(math.log(1e-4) / part.count)
         rows.append(
             row(
                 "diameter_spread", "", widest, part.diameter_spread - 0.5 * slack, 0.5 * slack + ROUNDING,
-                f"the widest of {part.count} uniform numbers", kind="statistical", variant=case.name,
+                f"the widest of {part.count} uniform numbers", kind="precision", variant=case.name,
             )
         )  # fmt: skip
     return rows
@@ -106,7 +116,7 @@ def _asperities(case: Case) -> Comparison:
     error = float(np.std(raised, ddof=1)) / math.sqrt(SURFACES)
     reason = f"{DEVIATIONS:g} standard errors of {SURFACES} surfaces"
     return row(
-        "raised_nodes", "44", float(np.mean(raised)), expected, DEVIATIONS * error, reason, kind="statistical"
+        "raised_nodes", "44", float(np.mean(raised)), expected, DEVIATIONS * error, reason, kind="precision"
     )
 
 

@@ -30,7 +30,8 @@ def judge_of(setup: Setup) -> Judge:
         raise CaseError(
             f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres "
             "without a wall, one sphere and a wall (with a uniform flow: a flat one), a sphere that "
-            "falls on one that rests on a wall, a sphere between a flat wall and a pad, spheres in a flow away from walls, a swarm without either"
+            "falls on one that rests on a wall, a sphere between a flat wall and a pad, "
+            "spheres in a flow away from walls, a swarm without either"
         )
     return judge
 

@@ -31,7 +31,8 @@ class DraggedPairJudge:
         require_stokes(setup, np.linalg.norm(flow - state.velocity, axis=1))
         if not model.impact_duration > 0.0 or model.static_friction != model.dynamic_friction:
             raise ValueError(
-                "two spheres that meet in a flow need a constant impact_duration and one coefficient of friction"
+                "two spheres that meet in a flow need a constant impact_duration and one coefficient of "
+                "friction"
             )
         self.setup = setup
         i, j = (

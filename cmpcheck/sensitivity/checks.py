@@ -102,7 +102,8 @@ class Baseline:
     folder: Path
 
     def _file(self, label: Label, engine: str, form: str = "") -> Path:
-        return self.folder / f"{'-'.join(filter(None, (*label, engine, form)))}.pickle"
+        name = (Path(label[0]).stem, label[1], engine, form)
+        return self.folder / f"{'-'.join(filter(None, name))}.pickle"
 
     def make(self, label: Label, engine: str) -> None:
         """Run one variant in one engine, and keep what was found."""

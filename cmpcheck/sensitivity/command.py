@@ -38,10 +38,10 @@ def sensitivity(
     """Find out what the suite would have caught.
 
     Seeds errors into a copy of the sources, one at a time, and lists the checks that notice each.  The full
-    profile also finds the smallest size that is noticed, the power of the statistics, and what the tests miss.
+    profile also finds the smallest size that is noticed, the power of the statistics, and what tests miss.
     """
     from cmpcheck.sensitivity import document, page, words
-    from cmpcheck.sensitivity.mutants import all_mutants
+    from cmpcheck.sensitivity.catalogue import all_mutants
     from cmpcheck.sensitivity.run import plan_of, run_plan
     from cmpcheck.sensitivity.store import DOCUMENT, Store, write_whole
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from cmpcheck.sensitivity.checks import COMPONENTS, Label, Noticed, only_new
+from cmpcheck.sensitivity.checks import Label, Noticed, only_new
 from cmpcheck.sensitivity.children import Child, Died
 from cmpcheck.sensitivity.mutants import Mutant
 
@@ -51,7 +51,7 @@ def noticing(mutant: Mutant, found: Sequence[Noticed], labels: Sequence[Label]) 
     names = {(row.case, row.variant.split(", ")[0]) for row in found}
     cases = {row.case for row in found}
     own = [label for label in labels if label in names or (label[0] in cases and not label[1])]
-    return own or [label for label in labels if label[0] in cases or label[0] == COMPONENTS]
+    return own or list(labels)
 
 
 def smallest(

@@ -78,7 +78,7 @@ def _samples(first: int) -> dict[str, Any]:
 
 
 def draws_of(samples: int, independent: bool) -> np.ndarray:
-    """The samples of each trial, (TRIALS, 2 PAIRS): disjoint within a trial, and `independent`: of each other."""
+    """The samples of each trial, (TRIALS, 2 PAIRS): disjoint, and `independent` of each other."""
     rng = np.random.default_rng(1)
     if independent:
         return rng.permutation(samples)[: 2 * PAIRS * TRIALS].reshape(TRIALS, 2 * PAIRS)
@@ -118,7 +118,8 @@ def _trials(task: tuple[dict[str, np.ndarray], np.ndarray, int, int]) -> list[di
 def summary(trials: Sequence[dict[str, bool]], profile: str) -> dict[str, Any]:
     """Rates with their Clopper-Pearson intervals.
 
-    >>> summary([{"resolved": True, "different": False, "equivalent": False}] * 4, "quick")["resolved"]["rate"]
+    >>> trial = {"resolved": True, "different": False, "equivalent": False}
+    >>> summary([trial] * 4, "quick")["resolved"]["rate"]
     1.0
     """
 

@@ -67,8 +67,9 @@ def power_figures(document: dict[str, Any], key: str) -> list[tuple[str, str]]:
             tuple(Curve(label, effects, tuple(point[name] for point in points)) for name, label in names),
         )  # fmt: skip
         caption = (
-            f"{words(curve['quantity']).capitalize()}, {curve['pairs']} pairs; margin {number(curve['margin'], 2)}, spread of "
-            f"a difference {number(curve['spread'], 2)}; {curve['trials']} trials a point."
+            f"{words(curve['quantity']).capitalize()}, {curve['pairs']} pairs; margin "
+            f"{number(curve['margin'], 2)}, spread of a difference {number(curve['spread'], 2)}; "
+            f"{curve['trials']} trials a point."
         )
         drawn.append((chart_figure(chart, f"{key}.{k}"), caption))
     return drawn

@@ -1,11 +1,10 @@
-"""What a seeded error is, and the list of all of them (`catalogue/`).
+"""What a seeded error is; the list of all of them is `catalogue/`.
 
 How one is put into a copy of the sources is `patching.py`; what notices it, `checks.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 SIDES = ("reference", "lammps", "both")
@@ -55,20 +54,3 @@ class Mutant:
         '0.2 %'
         """
         return f"{self.factor * size:.2g} {self.unit}" if self.continuous else "always"
-
-
-def all_mutants() -> list[Mutant]:
-    """Every seeded error, in the order of the model's files."""
-    from cmpcheck.sensitivity.catalogue import CATALOGUE
-
-    return check_names(CATALOGUE)
-
-
-def check_names(mutants: Iterable[Mutant]) -> list[Mutant]:
-    """The mutants; raises ValueError when two have one name."""
-    found = list(mutants)
-    names = [mutant.name for mutant in found]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise ValueError(f"seeded errors with one name: {', '.join(sorted(twice))}")
-    return found

@@ -1,4 +1,4 @@
-"""How small a difference the statistical comparisons find: detected fraction over its size, and what it costs.
+"""How small a difference the statistical comparisons find: detected fraction over its size, and the cost.
 
 Differences have the shape of those between samples of the reference (the pool of `false_alarms.py`) and the
 spread that the pilot of `polish_pair` measured between the engines; a shift is added to them.
@@ -96,7 +96,8 @@ def _curve(task: tuple[np.ndarray, str, int]) -> dict[str, Any]:
             counts["equivalent"] += verdict.verdict == "equivalent"
         points.append({"effect": effect, **{name: count / TRIALS for name, count in counts.items()}})
     return {
-        "quantity": quantity, "pairs": n, "margin": margin, "spread": spread, "trials": TRIALS, "points": points,
+        "quantity": quantity, "pairs": n, "margin": margin, "spread": spread, "trials": TRIALS,
+        "points": points,
     }  # fmt: skip
 
 

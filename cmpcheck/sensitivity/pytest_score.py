@@ -27,9 +27,9 @@ PATIENCE = 1800.0  # s for the tests with one error
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?)(?: - .*)?$", re.MULTILINE)
 # The tests of the model, those that fail soonest first; the rest needs a checkout, or runs other programs.
 FILES = (
-    "contact", "drag", "removal", "heightfield", "neighbors", "flatness", "genetic", "ensemble", "packing", "pad",
-    "process", "timestep", "simulation", "balances", "phases", "new_contacts", "exact_surface", "exact_flow",
-    "judges",
+    "contact", "drag", "removal", "heightfield", "neighbors", "flatness", "genetic", "ensemble", "packing",
+    "pad", "process", "timestep", "simulation", "balances", "phases", "new_contacts", "exact_surface",
+    "exact_flow", "judges",
 )  # fmt: skip
 
 

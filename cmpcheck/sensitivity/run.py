@@ -14,7 +14,14 @@ from typing import Any
 
 from cmpcheck.engines import make_engine
 from cmpcheck.sensitivity import false_alarms, orders, power, pytest_score
-from cmpcheck.sensitivity.checks import COMPONENTS, Label, Noticed, comparable_variants, only_new
+from cmpcheck.sensitivity.checks import (
+    COMPONENTS,
+    Label,
+    Noticed,
+    case_of,
+    comparable_variants,
+    only_new,
+)
 from cmpcheck.sensitivity.children import Child, prepare, run_parallel
 from cmpcheck.sensitivity.detect import evaluate, record, smallest
 from cmpcheck.sensitivity.mutants import Mutant
@@ -113,11 +120,14 @@ def _children(work: Path, jobs: int) -> Iterator[list[Child]]:
 
 
 def _baseline(plan: Plan, work: Path, children: Sequence[Child], progress: Progress) -> None:
-    """Every variant in every engine without an error; one task compiles for the reference, the next for LAMMPS."""
+    """Every variant in every engine without an error; one task compiles for each."""
     labels = [list(label) for label in plan.labels if label[0] != COMPONENTS]
     tasks = [("reference", labels)] if labels else []
     if make_engine("lammps").info().available:
-        tasks += [("lammps", [label]) for label in labels]
+        with_table = [
+            label for label in plan.labels if label[0] != COMPONENTS and "lammps" in case_of(label).engine
+        ]
+        tasks += [("lammps", [list(label)]) for label in with_table]
 
     def work_on(child: Child, task: tuple[str, list]) -> None:
         reply = child.ask({"do": "baseline", "engine": task[0], "labels": task[1]})

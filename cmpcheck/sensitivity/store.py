@@ -1,4 +1,4 @@
-"""What has been found so far, one file a finding, so that a run that is stopped loses at most the one at hand.
+"""What has been found so far, a file each, so that a run that is stopped loses at most the one at hand.
 
 A folder holds the settings that it was started with; it goes on only with the same ones.
 """
@@ -40,7 +40,7 @@ class Store:
 
     @classmethod
     def create(cls, folder: Path, settings: dict[str, Any], force: bool) -> Store:
-        """An empty store; raises OutputError where the folder holds anything but an earlier result of ours."""
+        """An empty store; raises OutputError where the folder holds anything but a result of ours."""
         held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
         foreign = [name for name in held if name not in OWN]
         if held and not force:

@@ -61,10 +61,10 @@ def _read(typingctx: Any, slot: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 @overload(seeded)
-def _compiled_seeded(number):  # type: ignore[no-untyped-def]  # Numba compares the two signatures
+def _compiled_seeded(number):  # untyped: Numba compares the two signatures
     return lambda number: _read(0) == number
 
 
 @overload(seeded_size)
-def _compiled_seeded_size():  # type: ignore[no-untyped-def]
+def _compiled_seeded_size():
     return lambda: _read(1)

@@ -57,12 +57,13 @@ def blind_spots(document: dict[str, Any]) -> list[str]:
         else "How large an error may be and pass, the full profile finds: here each has one size only."
     )
     return [
-        "Single impacts are judged in the limit of small steps and short contacts: what vanishes with them is not "
-        f"seen, such as {vanishing}.",
+        "Single impacts are judged in the limit of small steps and short contacts: what vanishes with them "
+        f"is not seen, such as {vanishing}.",
         second,
-        "It shows that the equations are solved, not that they are right: an error that the paper, the closed forms and "
-        "all engines have in common passes, as does whatever the model leaves out (spin, lubrication, Brownian motion) "
-        "and, in polishing as a whole, any difference within the margins of the ensembles.",
+        "It shows that the equations are solved, not that they are right: an error that the paper, the "
+        "closed forms and all engines have in common passes, as does whatever the model leaves out (spin, "
+        "lubrication, Brownian motion) and, in polishing as a whole, any difference within the margins of "
+        "the ensembles.",
     ]
 
 
@@ -78,11 +79,11 @@ def alarm_sentence(document: dict[str, Any]) -> str:
         else "trials share samples, so that they are not independent"
     )
     return (
-        f"Reference against reference: of {rate['trials']} comparisons of {rate['pairs']} pairs of {rate['case']}, "
-        f"{found['count']} find a difference from zero in any of their quantities: {percent(found['rate'])} "
-        f"(95 %: {percent(found['low'])} to {percent(found['high'])}), where {percent(rate['alpha'])} is stated; "
-        f"{called['count']} call it a disagreement, beyond the margin ({percent(called['low'])} to "
-        f"{percent(called['high'])}). Drawn from {rate['samples']} samples; {draws}."
+        f"Reference against reference: of {rate['trials']} comparisons of {rate['pairs']} pairs of "
+        f"{rate['case']}, {found['count']} find a difference from zero in any of their quantities: "
+        f"{percent(found['rate'])} (95 %: {percent(found['low'])} to {percent(found['high'])}), "
+        f"where {percent(rate['alpha'])} is stated; {called['count']} call it a disagreement, "
+        f"beyond the margin ({percent(called['low'])} to {percent(called['high'])}). Drawn from {rate['samples']} samples; {draws}."
     )
 
 
@@ -117,11 +118,11 @@ def order_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     ]
     rows = []
     for group in document["orders"].get("groups", []):
+        middle = number(group["median"], 3) if group["credible"] else ""
         span = f"{number(group['lowest'], 3)} to {number(group['highest'], 3)}" if group["credible"] else ""
         rows.append([
-            group["case"], group["engine"], group["parameter"], str(group["levels"]), str(group["quantities"]),
-            str(group["credible"]), number(group["median"], 3) if group["credible"] else "", span,
-            percent(group["largest_index"]),
+            group["case"], group["engine"], group["parameter"], str(group["levels"]),
+            str(group["quantities"]), str(group["credible"]), middle, span, percent(group["largest_index"]),
         ])  # fmt: skip
     return header, rows
 
@@ -162,7 +163,8 @@ def pair_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
         for curve in (c for c in power["curves"] if c["quantity"] == row["quantity"]):
             at = {point["effect"]: point for point in curve["points"]}
             rows.append([
-                spaced(row["quantity"]), number(row["spread"], 2), number(row["margin"], 2), str(row["needed"]),
+                spaced(row["quantity"]), number(row["spread"], 2), number(row["margin"], 2),
+                str(row["needed"]),
                 f"{number(row['needed'] * seconds / 60, 2)} min", f"{curve['pairs']} pairs",
                 percent(at[0.0]["equivalent"]), percent(at[2.0]["different"]),
             ])  # fmt: skip

@@ -47,7 +47,8 @@ class PadImpact(NamedTuple):
 
 
 def between_wall_and_pad(
-    height: float, velocity: float, mass: float, radius: float, wall_restitution: float, pad: Pad, until: float
+    height: float, velocity: float, mass: float, radius: float, wall_restitution: float, pad: Pad,
+    until: float,
 ) -> list[PadImpact]:  # fmt: skip
     """The impacts of a sphere before the time `until`.
 

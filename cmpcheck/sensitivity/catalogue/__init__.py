@@ -5,6 +5,8 @@ Names say what is broken; sizes are those of the quick profile, chosen so that a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from cmpcheck.sensitivity.catalogue import (
     analysis,
     contact,
@@ -15,6 +17,7 @@ from cmpcheck.sensitivity.catalogue import (
     stepping,
     surface,
 )
+from cmpcheck.sensitivity.mutants import Mutant
 
 CATALOGUE = (
     *contact.MUTANTS,
@@ -26,3 +29,18 @@ CATALOGUE = (
     *lammps.MUTANTS,
     *analysis.MUTANTS,
 )
+
+
+def all_mutants() -> list[Mutant]:
+    """Every seeded error, in the order of the model's files."""
+    return check_names(CATALOGUE)
+
+
+def check_names(mutants: Iterable[Mutant]) -> list[Mutant]:
+    """The mutants; raises ValueError when two have one name."""
+    found = list(mutants)
+    names = [mutant.name for mutant in found]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise ValueError(f"seeded errors with one name: {', '.join(sorted(twice))}")
+    return found

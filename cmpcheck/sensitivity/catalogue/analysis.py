@@ -24,7 +24,8 @@ MUTANTS = (
     Mutant(
         "observed order", "the extrapolation goes to the other side",
         f"{CONVERGENCE}:extrapolate",
-        "correction = (f[0] - f[1]) / (h[1] ** order - 1)", "correction = (f[1] - f[0]) / (h[1] ** order - 1)",
+        "correction = (f[0] - f[1]) / (h[1] ** order - 1)",
+        "correction = (f[1] - f[0]) / (h[1] ** order - 1)",
         side="both", cases=("pair_head_on e0.5",),
     ),
     Mutant(
@@ -36,7 +37,8 @@ MUTANTS = (
     Mutant(
         "phases of a step", "all copies start at the same phase of a step",
         "cmpcheck/phases.py:tile",
-        "((np.arange(copies) + 0.5) / copies - 0.5) * time_step", "0.0 * ((np.arange(copies) + 0.5) / copies - 0.5)",
+        "((np.arange(copies) + 0.5) / copies - 0.5) * time_step",
+        "0.0 * ((np.arange(copies) + 0.5) / copies - 0.5)",
         side="both", cases=("pair_head_on e0.5",),
     ),
     Mutant(
@@ -54,7 +56,8 @@ MUTANTS = (
     Mutant(
         "bootstrap", "the bootstrap's standard error is off by a factor",
         f"{STATISTICS}/resampling.py:StudentizedMean.of",
-        "error = drawn.std(axis=1, ddof=1) / np.sqrt(n)", "error = (1.0 + SIZE) * drawn.std(axis=1, ddof=1) / np.sqrt(n)",
+        "error = drawn.std(axis=1, ddof=1) / np.sqrt(n)",
+        "error = (1.0 + SIZE) * drawn.std(axis=1, ddof=1) / np.sqrt(n)",
         0.5, "%", side="both", cases=("pair_head_on e0.5",),
     ),
 )  # fmt: skip

@@ -94,7 +94,8 @@ MUTANTS = (
         "duration_of(model, mass, diameter, effective_modulus(modulus, model.surface_modulus), -v_n)",
     ),
     Mutant(
-        "compression is the whole contact", "drag acts over the whole contact in Eqs 9 and 29, not up to delta t_1",
+        "compression is the whole contact",
+        "drag acts over the whole contact in Eqs 9 and 29, not up to delta t_1",
         f"{CONTACT}:compression_impulse",
         "np.minimum(duration, time_step) / (1.0 + restitution)", "np.minimum(duration, time_step)",
     ),

@@ -10,7 +10,8 @@ MUTANTS = (
     Mutant(
         "Stokes's drag", "3 pi mu d is off by a factor",
         f"{DRAG}:drag_factor",
-        "return 3.0 * math.pi * viscosity * diameter", "return (1.0 + SIZE) * 3.0 * math.pi * viscosity * diameter",
+        "return 3.0 * math.pi * viscosity * diameter",
+        "return (1.0 + SIZE) * 3.0 * math.pi * viscosity * diameter",
         0.01, "%",
     ),
     Mutant(
@@ -21,7 +22,8 @@ MUTANTS = (
     Mutant(
         "area of a sphere", "the area in Eq 20 is off by a factor",
         f"{DRAG}:drag_factor",
-        "area = math.pi * diameter * diameter / 4.0", "area = (1.0 + SIZE) * math.pi * diameter * diameter / 4.0",
+        "area = math.pi * diameter * diameter / 4.0",
+        "area = (1.0 + SIZE) * math.pi * diameter * diameter / 4.0",
         0.01, "%",
     ),
     Mutant(
@@ -57,7 +59,8 @@ MUTANTS = (
     Mutant(
         "shear rate", "the slope V/H of the flow is off by a factor",
         f"{DRAG}:fluid_velocity",
-        "return model.wall_speed * z / gap, 0.0, 0.0", "return (1.0 + SIZE) * model.wall_speed * z / gap, 0.0, 0.0",
+        "return model.wall_speed * z / gap, 0.0, 0.0",
+        "return (1.0 + SIZE) * model.wall_speed * z / gap, 0.0, 0.0",
         0.01, "%",
     ),
     Mutant(

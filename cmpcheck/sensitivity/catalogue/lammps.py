@@ -19,26 +19,29 @@ MUTANTS = (
     Mutant(
         "fix: drag", "the fix's drag is off by a factor",
         f"{FIXES}/particles.py:drag_now",
-        "    return drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)",
-        "    ex, ey, ez = drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)\n"
+        "return drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)",
+        "ex, ey, ez = drag_on(\n"
+        "        model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter\n    )\n"
         "    return (1.0 + SIZE) * ex, (1.0 + SIZE) * ey, (1.0 + SIZE) * ez",
         0.01, "%", side="lammps", cases=("bounce_train",),
     ),
     Mutant(
         "fix: dashpot", "the dashpot of a soft contact with the surface is off by a factor",
         f"{FIXES}/contacts.py:spring_dashpot",
-        "mass * (spring * overlap - damping * v_n)", "mass * (spring * overlap - (1.0 + SIZE) * damping * v_n)",
+        "mass * (spring * overlap - damping * v_n)",
+        "mass * (spring * overlap - (1.0 + SIZE) * damping * v_n)",
         0.01, "%", side="lammps", cases=(*WALL, *PAD),
     ),
     Mutant(
         "fix: contact duration", "soft contacts with the surface last shorter than they are asked to",
         f"{FIXES}/calibration.py:spring",
-        "omega0 = 2.0 * _half_phase(z) / contact_duration", "omega0 = (1.0 + SIZE) * 2.0 * _half_phase(z) / contact_duration",
+        "omega0 = 2.0 * _half_phase(z) / contact_duration",
+        "omega0 = (1.0 + SIZE) * 2.0 * _half_phase(z) / contact_duration",
         0.5, "%", side="lammps", cases=(*WALL, *OBLIQUE, *PAD, "bounce_train"),
         explained="A linear spring and dashpot with k = m w0^2 and c = 2 z m w0 has an outcome, restitution "
-        "exp(-2 z acos(z)/sqrt(1 - z^2)), that does not contain w0: another w0 only makes the contact shorter. The "
-        "model knows no contact time t_c, and the comparisons judge the limit t_c -> 0, which is the same from all "
-        "durations.",
+        "exp(-2 z acos(z)/sqrt(1 - z^2)), that does not contain w0: another w0 only makes the contact "
+        "shorter. The model knows no contact time t_c, and the comparisons judge the limit t_c -> 0, which "
+        "is the same from all durations.",
     ),
     Mutant(
         "fix: impulse", "the impulse form gives an impulse that is off by a factor",
@@ -94,10 +97,11 @@ MUTANTS = (
     Mutant(
         "fix: sampled velocity", "the trajectory has the velocities of half a step before",
         f"{FIXES}/samples.py:store_sample",
-        "p[VELOCITY + axis] + p[LAG] * force / p[MASS]", "p[VELOCITY + axis] + (1.0 - SIZE) * p[LAG] * force / p[MASS]",
+        "p[VELOCITY + axis] + p[LAG] * force / p[MASS]",
+        "p[VELOCITY + axis] + (1.0 - SIZE) * p[LAG] * force / p[MASS]",
         1.0, "% of half a step", side="lammps", cases=("drag_relaxation", "bounce_train", "pair_slip"),
-        explained="The velocity of half a step before differs from that of the step by dt a/2, which tends to 0 with dt: "
-        "the comparisons judge the limit. It enters no force: samples are only read.",
+        explained="The velocity of half a step before differs from that of the step by dt a/2, which tends "
+        "to 0 with dt: the comparisons judge the limit. It enters no force: samples are only read.",
     ),
     Mutant(
         "deck: restitution", "the pair deck asks for another restitution",
@@ -149,13 +153,15 @@ MUTANTS = (
         side="lammps", cases=("swarm",),
     ),
     Mutant(
-        "radius in Stokes's drag, in LAMMPS", "the fix takes the radius for the diameter in the kernel it shares",
+        "radius in Stokes's drag, in LAMMPS",
+        "the fix takes the radius for the diameter in the kernel it shares",
         "reference/drag.py:drag_factor",
         "return 3.0 * math.pi * viscosity * diameter", "return 3.0 * math.pi * viscosity * 0.5 * diameter",
         side="lammps", cases=("bounce_train",),
     ),
     Mutant(
-        "radius in Stokes's drag, in both", "both engines take the radius for the diameter in the shared kernel",
+        "radius in Stokes's drag, in both",
+        "both engines take the radius for the diameter in the shared kernel",
         "reference/drag.py:drag_factor",
         "return 3.0 * math.pi * viscosity * diameter", "return 3.0 * math.pi * viscosity * 0.5 * diameter",
         side="both", cases=("bounce_train",),

@@ -8,9 +8,17 @@ PROCESS, NEIGHBORS = "reference/process.py", "reference/neighbors.py"
 
 MUTANTS = (
     Mutant(
+        "units", "quantities with a unit are off by a factor",
+        "reference/units.py:_text_to_si",
+        "return float(Decimal(number) * _factor(given, unit))",
+        "return (1.0 + SIZE) * float(Decimal(number) * _factor(given, unit))",
+        1e-6, "ppm", factor=1e6,
+    ),
+    Mutant(
         "mass of a sphere", "the mass of every particle is off by a factor",
         f"{PROCESS}:build_setup",
-        "mass=density * math.pi * diameter**3 / 6.0", "mass=(1.0 + SIZE) * density * math.pi * diameter**3 / 6.0",
+        "mass=density * math.pi * diameter**3 / 6.0",
+        "mass=(1.0 + SIZE) * density * math.pi * diameter**3 / 6.0",
         0.01, "%",
     ),
     Mutant(

@@ -1,4 +1,4 @@
-"""Errors in how the state advances: steps, the paper's iteration, lists, the pad, and the books (Eqs 37-43)."""
+"""Errors in how the state advances, is recorded and resumed: steps, lists, the pad, the books (Eqs 37-43)."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MUTANTS = (
         "wrap(p.position[i, 0] + dt * vx, model.length_x)",
         "wrap(p.position[i, 0] + dt * (vx - SIZE * (vx - sx)), model.length_x)",
         1.0, "% of the change",
-        explained="r' = r + dt v* with v* the velocity before the step's drag: v' - v* = dt a, so each step's way differs "
-        "by dt^2 a and the path by dt times the integral of a, of the order of the scheme's own error. The comparisons "
-        "judge the limit dt -> 0, where the paths are one.",
+        explained="r' = r + dt v* with v* the velocity before the step's drag: v' - v* = dt a, so each "
+        "step's way differs by dt^2 a and the path by dt times the integral of a, of the order of the "
+        "scheme's own error. The comparisons judge the limit dt -> 0, where the paths are one.",
     ),
     Mutant(
         "positions are not wrapped", "a particle that leaves the box along y stays outside",
@@ -71,7 +71,8 @@ MUTANTS = (
     Mutant(
         "pad one step late", "the pad is where it was one step before",
         f"{STEP}:advance",
-        "lowered_pad(model, pad_height, lowest, dt)", "lowered_pad(model, pad_height, lowest, dt * (step > 1))",
+        "lowered_pad(model, pad_height, lowest, dt)",
+        "lowered_pad(model, pad_height, lowest, dt * (step > 1))",
     ),
     Mutant(
         "pad at rest strikes", "V_z stays in impacts on a pad that has come to rest",
@@ -102,6 +103,22 @@ MUTANTS = (
         f"{SCHEMES}:solve_point_implicit",
         "work.drag[i, 0] = part * (mass", "work.drag[i, 0] = (1.0 + SIZE) * part * (mass",
         1e-6, "ppm", factor=1e6,
+    ),
+    Mutant(
+        "kinetic energy", "the kinetic energy of the history is off by a factor",
+        "reference/recording.py:history_row",
+        "energy = 0.5 * float(", "energy = (1.0 + SIZE) * 0.5 * float(",
+        1e-6, "ppm", factor=1e6,
+    ),
+    Mutant(
+        "balance of energy", "the work of the fluid enters the balance with the wrong sign",
+        "reference/balances.py:_energy",
+        'float(change - last["fluid_work"] + lost)', 'float(change + last["fluid_work"] + lost)',
+    ),
+    Mutant(
+        "sums are not restored", "a run that goes on from a checkpoint has forgotten what was booked before",
+        "reference/simulation.py:_Recorder.restore",
+        'self.scalars[:] = state["progress"]', 'self.scalars[: P.contacts] = state["progress"][: P.contacts]',
     ),
     Mutant(
         "explicit drag", "the drag of a step is that of its start, not implicit",

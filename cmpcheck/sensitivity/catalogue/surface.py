@@ -36,9 +36,15 @@ MUTANTS = (
         0.001, "mrad", factor=1e3,
     ),
     Mutant(
-        "edges are sharp corners", "the closest point of an edge is its end",
+        "squares to the left", "the surface is not searched to the left of a particle's centre",
+        f"{FIELD}:closest_point",
+        "for i in range(math.floor((px - radius) / spacing), math.floor((px + radius) / spacing) + 1):",
+        "for i in range(math.floor(px / spacing), math.floor((px + radius) / spacing) + 1):",
+    ),
+    Mutant(
+        "weights of a face", "the closest point of a face has the weights of two corners swapped",
         f"{TRIANGLE}:closest_point_on_triangle",
-        "        t = ac_ap / (ac_ap - ac_cp)\n", "        t = 0.0 * ac_ap / (ac_ap - ac_cp)\n",
+        "v, w = weight_b / total, weight_c / total", "v, w = weight_c / total, weight_b / total",
     ),
     Mutant(
         "overlap", "the surface is felt before it is touched",
@@ -67,7 +73,8 @@ MUTANTS = (
     Mutant(
         "Pi with q + 1", "the exponent of Eq 44 is off",
         f"{FIELD}:flatness",
-        "return float(((now / scale) ** exponent).sum()", "return float(((now / scale) ** (exponent + SIZE)).sum()",
+        "return float(((now / scale) ** exponent).sum()",
+        "return float(((now / scale) ** (exponent + SIZE)).sum()",
         1.0, "of the exponent", factor=1.0,
     ),
     Mutant(
