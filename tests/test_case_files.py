@@ -143,6 +143,7 @@ def test_jitter_leaves_every_drop_above_the_surface_of_its_place():
     r = 0.25
     touch = {
         "plateau": 1 + r,
+        "node_depth": 1 + r,
         "edge": 1 + math.sqrt(r**2 - (0.08 - 0.02) ** 2),
         "corner": 1 + math.sqrt(r**2 - 2 * (0.05 - 0.02) ** 2),
         "flank": 4 - (3.627 - 0.02) + math.sqrt(2) * r,

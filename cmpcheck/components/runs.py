@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -30,11 +31,14 @@ def changed(name: str, **sections: dict[str, Any]) -> Case:
 def checks() -> list[Comparison]:
     """Adaptive steps in a flow and on a wall; the first microseconds of polishing, by both deposits."""
     paper = {"scheme": "fixed_point", "time_step": 100e-9}
+    flow = changed("drag_relaxation", numerics=paper, case={"outputs": 2})
     wall = changed("bounce_train", numerics=paper, case={"duration": 1.2e-6, "outputs": 2})
     short = {"duration": 10e-6, "outputs": 2}
     return [
         *_struck_in_flow(load_case("pair_drag")),
-        *_adaptive(changed("drag_relaxation", numerics=paper, case={"outputs": 2})),
+        *_adaptive(flow, False, "adaptive steps in a flow"),
+        *_adaptive(flow, True, "adaptive steps through rest"),
+        *_swarm(),
         _resumed(changed("polish_pair", case={"duration": 2e-6, "outputs": 5})),
         *_books(wall, "adaptive steps on a wall"),
         *_books(changed("polish_pair", case=short), "polishing by depth"),
@@ -66,19 +70,24 @@ def _struck_in_flow(case: Case) -> list[Comparison]:
     ]
 
 
-def _adaptive(case: Case) -> list[Comparison]:
-    """Steps taken and rejected, and the velocity that they lead to."""
-    setup, place = build_setup(case), "adaptive steps in a flow"
+def _adaptive(case: Case, turned: bool, place: str) -> list[Comparison]:
+    """Steps taken and rejected, and the velocity that they lead to; `turned`, the sphere starts upstream.
+
+    On its way it comes to rest, where the step shrinks, and from where it grows as fast as it may.
+    """
+    setup = build_setup(case)
     model, state = setup.model, setup.state
     flow = np.array([model.flow_x, model.flow_y, model.flow_z])
+    velocity = -flow if turned else state.velocity[0]
+    setup = replace(setup, state=replace(state, velocity=velocity[np.newaxis].copy()))
     expected = exact.adaptive_stokes(
-        setup.output_times[1:].tolist(), state.velocity[0], flow, relaxation_time(setup), setup.time_step,
+        setup.output_times[1:].tolist(), velocity, flow, relaxation_time(setup), setup.time_step,
         case.numerics.tolerance, case.numerics.iterations,
     )  # fmt: skip
-    run = simulate(case)
+    run = simulate_setup(setup)
     reason = "counted with the iterates in closed form"
     # positions up to L round an increment TOL way by eps L, and Phi with it; no step is below SHORTEST
-    way = SHORTEST * setup.time_step * float(np.linalg.norm(state.velocity[0]))
+    way = SHORTEST * setup.time_step * float(np.linalg.norm(velocity))
     rounding = EPS * model.length_x / (case.numerics.tolerance * way)
     return [
         count("steps", "39-43", run.provenance["steps"], expected.accepted, reason, place),
@@ -88,6 +97,19 @@ def _adaptive(case: Case) -> list[Comparison]:
             "rounding of positions, eps L/(TOL way), in the lengths of the steps", place,
         ),
     ]  # fmt: skip
+
+
+def _swarm() -> list[Comparison]:
+    """Contacts with a list of neighbours that is kept as long as it may be, and with one made every 2 ns."""
+    kept, anew = (simulate(changed("swarm", case={"outputs": outputs})) for outputs in (2, 501))
+    meetings = [Counter(zip(run.contacts["i"], run.contacts["j"], strict=True)) for run in (kept, anew)]
+    missed = (meetings[1] - meetings[0]).total() + (meetings[0] - meetings[1]).total()
+    periods = np.array([kept.case.surface.size, kept.case.surface.size, kept.case.surface.height])
+    outside = int(((anew.positions < 0.0) | (anew.positions >= periods)).sum())
+    return [
+        count("missed_contacts", "9", missed, 0, "of either run", "list of neighbours"),
+        count("positions_outside", "", outside, 0, "coordinates beyond the periodic box", "swarm"),
+    ]
 
 
 class _Killed(Exception):

@@ -47,14 +47,13 @@ class DraggedPairJudge:
         )  # fmt: skip
 
     def measure(self, setup: Setup, run: Run) -> list[Measured]:
-        """Time and speed of the impact, its impulse and friction, and both velocities at the end."""
+        """Speed of the impact, its impulse and friction, and both velocities at the end."""
         hit, state, found = self.exact, self.setup.state, Findings()
         contacts = q.contacts_by_copy(run, setup, "pair")
         if not found.count_impacts(contacts, 1, "9"):
             return found
         rows = next(q.contact_columns(contacts, 1))
         approach, normal = hit.approach_speed, hit.normal_impulse
-        found.add("impact_time", "20-22", "s", rows["time"], hit.time, hit.time)
         found.add("approach_speed", "20-22", "m/s", rows["approach_speed"], approach, approach)
         reduced = float(np.prod(state.mass[:2]) / state.mass[:2].sum())
         values = q.pair_model_impulse(rows, reduced)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cmpcheck.sensitivity import false_alarms, orders, power
+from cmpcheck.sensitivity.checks import COMPONENTS
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.run import SEEDED, SMALLEST, TESTS, Plan
 from cmpcheck.sensitivity.store import DOCUMENT, Store
@@ -27,6 +28,7 @@ def build(plan: Plan, store: Store) -> dict[str, Any]:
         "schema": SCHEMA,
         "profile": plan.profile,
         "run": labels,
+        "whole": COMPONENTS in labels,  # else some cases only, which cannot notice everything
         "mutants": mutants,
         "checks": [{"name": name, "notices": notices} for name, notices in sorted(checks.items())],
         "false_alarm_rate": store.get(false_alarms.KIND, plan.profile) or {},
@@ -82,13 +84,15 @@ def _tests(mutants: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def holes(document: dict[str, Any]) -> list[str]:
-    """Errors that nothing notices and nobody explains."""
+    """Errors that nothing notices and nobody explains; none where only some cases were asked."""
+    if not document["whole"]:
+        return []
     return [m["name"] for m in document["mutants"] if not m["detected"] and not m["explained"]]
 
 
 def explained(document: dict[str, Any]) -> list[dict[str, Any]]:
     """Errors that nothing can notice, with the derivation why."""
-    return [m for m in document["mutants"] if not m["detected"] and m["explained"]]
+    return [m for m in document["mutants"] if not m["detected"] and m["explained"] and document["whole"]]
 
 
 def passes(document: dict[str, Any]) -> bool:

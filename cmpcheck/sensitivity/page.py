@@ -11,7 +11,6 @@ from markupsafe import Markup
 from cmpcheck.display import printable
 from cmpcheck.sensitivity import words
 from cmpcheck.sensitivity.document import explained, read
-from cmpcheck.sensitivity.figures import limits_figure, power_figures
 
 FOLDER = "sensitivity"  # beside a report, as `cmpcheck sensitivity` writes it by default
 
@@ -38,6 +37,8 @@ class Section(NamedTuple):
 
 def section(document: dict[str, Any], href: str = "") -> Section:
     """The document as it is placed."""
+    from cmpcheck.sensitivity.figures import limits_figure, power_figures  # matplotlib takes a second
+
     names = words.columns(document)
     rows = [
         {

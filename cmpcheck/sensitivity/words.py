@@ -18,6 +18,9 @@ def headline(document: dict[str, Any]) -> str:
     mutants, lost, reasons = document["mutants"], holes(document), explained(document)
     noticed = sum(m["detected"] for m in mutants)
     text = f"{noticed} of {len(mutants)} seeded errors are noticed"
+    if not document["whole"]:
+        cases = dict.fromkeys(label.split()[0] for label in document["run"])
+        text += f" by {', '.join(cases)} alone"
     if reasons:
         text += f"; {len(reasons)} cannot be, as derived below"
     if lost:
@@ -83,7 +86,8 @@ def alarm_sentence(document: dict[str, Any]) -> str:
         f"{rate['case']}, {found['count']} find a difference from zero in any of their quantities: "
         f"{percent(found['rate'])} (95 %: {percent(found['low'])} to {percent(found['high'])}), "
         f"where {percent(rate['alpha'])} is stated; {called['count']} call it a disagreement, "
-        f"beyond the margin ({percent(called['low'])} to {percent(called['high'])}). Drawn from {rate['samples']} samples; {draws}."
+        f"beyond the margin ({percent(called['low'])} to "
+        f"{percent(called['high'])}). Drawn from {rate['samples']} samples; {draws}."
     )
 
 

@@ -147,9 +147,9 @@ MUTANTS = (
         0.01, "%", side="lammps", cases=("couette_drift",),
     ),
     Mutant(
-        "deck: neighbour list", "the deck lists neighbours anew only every 2000 steps",
+        "deck: neighbour list", "the deck lists neighbours anew only every 20 000 steps",
         "lammps_inputs/in.swarm:neigh_modify",
-        "neigh_modify delay 0 every 1 check yes", "neigh_modify delay 2000 every 2000 check no",
+        "neigh_modify delay 0 every 1 check yes", "neigh_modify delay 20000 every 20000 check no",
         side="lammps", cases=("swarm",),
     ),
     Mutant(
