@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import ast
 import json
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from cmpcheck.cli import app
+from cmpcheck.components.methods import MODEL_FILES
 from cmpcheck.sensitivity import document, page, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
-from cmpcheck.sensitivity.checks import Noticed, only_new
+from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
 from cmpcheck.sensitivity.detect import FINE, smallest
 from cmpcheck.sensitivity.false_alarms import PAIRS, TRIALS, draws_of, judge, summary
 from cmpcheck.sensitivity.mutants import Mutant
@@ -127,6 +130,27 @@ def test_every_seeded_error_fits_once_and_they_cover_every_file_of_the_model_and
     assert any(own.file.startswith("cmpcheck/fixes/") for own in mutants)
     assert any(own.file.startswith("lammps_inputs/") for own in mutants)
     assert sum(bool(own.explained) for own in mutants) <= document.MOST_EXPLAINED
+
+
+def test_what_is_left_out_for_an_error_does_not_depend_on_its_file():
+    """The methods import nothing of the model but what they name, and no single run knows the other files."""
+    code = (
+        "import sys, cmpcheck.{module}; "
+        "print(*(m for m in sys.modules if m.startswith(('reference.', 'cmpcheck.'))))"
+    )
+
+    def loaded(module: str) -> set[str]:
+        command = [sys.executable, "-c", code.format(module=module)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=project_root())
+        return {name.replace(".", "/") + ".py" for name in done.stdout.split()}
+
+    assert {f for f in loaded("statistics") if f.startswith("reference/")} == set()
+    tree = ast.parse((project_root() / "cmpcheck/components/methods.py").read_text("utf-8"))
+    named = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module}
+    assert {f"{name.replace('.', '/')}.py" for name in named if name.startswith("reference.")} == set(
+        MODEL_FILES
+    )
+    assert not set(NO_CASE) & (loaded("study") | loaded("compare"))
 
 
 def test_names_are_unique_and_sides_and_sizes_make_sense():

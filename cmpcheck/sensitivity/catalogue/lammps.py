@@ -38,10 +38,6 @@ MUTANTS = (
         "omega0 = 2.0 * _half_phase(z) / contact_duration",
         "omega0 = (1.0 + SIZE) * 2.0 * _half_phase(z) / contact_duration",
         0.5, "%", side="lammps", cases=(*WALL, *OBLIQUE, *PAD, "bounce_train"),
-        explained="A linear spring and dashpot with k = m w0^2 and c = 2 z m w0 has an outcome, restitution "
-        "exp(-2 z acos(z)/sqrt(1 - z^2)), that does not contain w0: another w0 only makes the contact "
-        "shorter. The model knows no contact time t_c, and the comparisons judge the limit t_c -> 0, which "
-        "is the same from all durations.",
     ),
     Mutant(
         "fix: impulse", "the impulse form gives an impulse that is off by a factor",

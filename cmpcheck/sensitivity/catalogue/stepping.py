@@ -55,6 +55,10 @@ MUTANTS = (
         f"{STEP}:advance",
         "min(factor, MAX_GROWTH) * dt", "min(factor, MAX_GROWTH * (1.0 + SIZE)) * dt",
         0.1, "%",
+        explained="Phi of an accepted step, (TOL/eps_1)^(1/(k_d-1)) over the observed contraction, makes "
+        "the next step converge in k_d iterations; the cap only delays that. A step that grew too long does "
+        "not converge and is repeated, one that grew too little is accurate: every accepted step meets TOL, "
+        "whatever the cap.",
     ),
     Mutant(
         "neighbour list out of date", "pairs are listed anew after a longer way than the skin allows",
