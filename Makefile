@@ -5,13 +5,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help compare test lint example clean
+.PHONY: help compare test lint example sensitivity clean
 
 help:
 	@echo "make compare   run every comparison and write reports/latest"
 	@echo "make test      run the tests"
 	@echo "make lint      check style, types and the direction of imports"
 	@echo "make example   write reports/example anew, and the table and picture of README"
+	@echo "make sensitivity  find what the suite would have caught (hours), and write it to README"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
@@ -30,6 +31,10 @@ lint: $(VENV)/installed-test
 example: $(VENV)/installed
 	$(BIN)/cmpcheck compare --out reports/example --force
 	$(BIN)/python tools/example.py
+
+sensitivity: $(VENV)/installed-test
+	$(BIN)/cmpcheck sensitivity --profile full --force
+	$(BIN)/python tools/sensitivity.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

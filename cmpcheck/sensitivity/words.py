@@ -29,9 +29,9 @@ def headline(document: dict[str, Any]) -> str:
 
 
 def size_text(mutant: dict[str, Any], key: str = "size") -> str:
-    """A size with its unit, "always" for an error without one, "" where it is not known."""
+    """A size with its unit, "" for an error without one and where it is not known."""
     if not mutant["unit"]:
-        return "always"
+        return ""
     return "" if mutant[key] is None else f"{number(mutant[key], 2)} {mutant['unit']}"
 
 
