@@ -12,15 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from report_example import example
 from scipy import stats
 from typer.testing import CliRunner
 
+from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
 from cmpcheck.sensitivity import document, page, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
-from cmpcheck.sensitivity.detect import FINE, smallest
+from cmpcheck.sensitivity.children import Died
+from cmpcheck.sensitivity.detect import FINE, evaluate, smallest
 from cmpcheck.sensitivity.false_alarms import PAIRS, TRIALS, draws_of, judge, summary
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.patching import (
@@ -365,3 +368,29 @@ def test_the_command_refuses_what_it_cannot_do_in_one_line(tmp_path):
         assert text in result.stderr
         assert len(result.stderr.splitlines()) == 1
     assert (tmp_path / "mine.txt").exists()
+
+
+def test_the_report_shows_what_lies_beside_it_as_its_fourth_part(tmp_path):
+    assert page.section_beside(tmp_path / "latest") is None
+    folder = tmp_path / page.FOLDER
+    folder.mkdir()
+    (folder / "sensitivity.json").write_text(document.text_of(sample_document()), "utf-8")
+    beside = page.section_beside(tmp_path / "latest")
+    assert beside is not None
+    with_it = report_page.render(example(), (), beside)
+    assert "4 Sensitivity: what would the suite have caught?" in with_it
+    assert 'href="../sensitivity/index.html"' in with_it
+    assert "e &lt;off&gt;" in with_it
+    assert "4 Sensitivity" not in report_page.render(example())
+    (folder / "sensitivity.json").write_text('{"schema": "another"}', "utf-8")
+    assert page.section_beside(tmp_path / "latest") is None
+
+
+def test_an_error_that_kills_its_process_is_noticed_and_a_dying_baseline_is_not_hidden():
+    class Mortal:
+        def ask(self, request: dict) -> dict:
+            raise Died("its process died")
+
+    assert [row.check for row in evaluate(Mortal(), [WIDER], 0, 0.1, [])] == ["process: its process died"]
+    with pytest.raises(Died):
+        evaluate(Mortal(), [WIDER], None, 0.0, [])

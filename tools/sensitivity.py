@@ -53,7 +53,7 @@ def text(document: dict) -> str:
     noticed = sum(entry["detected"] for entry in entries.values())
     reasons = sum(bool(entry["explained"]) for entry in entries.values())
     lines = [
-        f"Of {len(entries)} seeded errors {noticed} are noticed; why nothing can notice {reasons} is derived.",
+        f"Of {len(entries)} seeded errors {noticed} are noticed; why {reasons} cannot be is derived.",
         "Limits of some:",
         "",
         "| error in | noticed from |",
@@ -66,8 +66,9 @@ def text(document: dict) -> str:
         resolved, different = rate["resolved"], rate["different"]
         span = f"{percent(resolved['low'])} to {percent(resolved['high'])}"
         lines.append(
-            f"Of {rate['trials']} ensembles of equal engines {resolved['count']} differ from zero in some "
-            f"quantity ({span}; {percent(rate['alpha'])} is stated), {different['count']} are called a disagreement."
+            f"Of {rate['trials']} ensembles of equal engines {resolved['count']} differ from zero in "
+            f"some quantity ({span}; {percent(rate['alpha'])} is stated), {different['count']} are called a "
+            "disagreement."
         )
     if tests:
         asked = f"{tests['killed']} of the {tests['asked']} errors seeded into it"
