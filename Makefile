@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help compare test lint example surfaces clean
+.PHONY: help compare test lint example surfaces sensitivity clean
 
 help:
 	@echo "make compare   run every comparison and write reports/latest"
@@ -13,6 +13,7 @@ help:
 	@echo "make lint      check style, types and the direction of imports"
 	@echo "make example   write reports/example anew, and the table and picture of README"
 	@echo "make surfaces  write the STL files of the LIGGGHTS decks anew, from their cases"
+	@echo "make sensitivity  find what the suite would have caught (hours), and write it to README"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
@@ -34,6 +35,10 @@ example: $(VENV)/installed
 
 surfaces: $(VENV)/installed
 	$(BIN)/python tools/surfaces.py
+
+sensitivity: $(VENV)/installed-test
+	$(BIN)/cmpcheck sensitivity --profile full --force
+	$(BIN)/python tools/sensitivity.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

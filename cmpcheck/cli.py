@@ -14,7 +14,8 @@ from typing import Annotated
 
 import typer
 
-import cmpcheck.optimise.command  # noqa: F401  (it registers itself)
+import cmpcheck.optimise.command
+import cmpcheck.sensitivity.command  # noqa: F401  (they register themselves)
 from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
 
 
@@ -76,8 +77,10 @@ def compare(
     from rich.console import Console
 
     from cmpcheck import outputs
+    from cmpcheck.components import CASE as COMPONENTS
     from cmpcheck.optimise.links import designs_beside
     from cmpcheck.report import exit_code, summary_table, write_report
+    from cmpcheck.sensitivity.page import section_beside
     from cmpcheck.suite import comparable_cases, run_suite, variants_by_case
     from cmpcheck.trajectories import Options, requested
     from cmpcheck.verdicts import headline
@@ -94,7 +97,8 @@ def compare(
     staging = outputs.stage_report(out, force)
     try:
         with progress_bars() as bars:
-            totals = loaded | dict.fromkeys(studies, 1)
+            components = not cases and not study
+            totals = loaded | dict.fromkeys([*([COMPONENTS] if components else []), *studies], 1)
             tasks = {name: bars.add_task(name, total=total) for name, total in totals.items()}
             result = run_suite(
                 names,
@@ -107,8 +111,9 @@ def compare(
                 studies,
                 RUNS,
                 files,
+                components,
             )
-        write_report(result, staging, designs_beside(out))
+        write_report(result, staging, designs_beside(out), section_beside(out))
         outputs.publish_report(staging, out)
     except KeyboardInterrupt:
         complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)

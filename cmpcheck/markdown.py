@@ -9,6 +9,7 @@ from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, quantity_text, ratio_text, words
 from cmpcheck.page import printed_row, tally_text
 from cmpcheck.results import CaseResult, Comparison, Ensemble, StudyResult, SuiteResult
+from cmpcheck.sensitivity.page import Section
 from cmpcheck.study_page import printed_table, printed_tables
 
 _PARTS = (
@@ -18,7 +19,7 @@ _PARTS = (
 )
 
 
-def render(result: SuiteResult) -> str:
+def render(result: SuiteResult, sensitivity: Section | None = None) -> str:
     """The whole report as GitHub-flavoured Markdown."""
     word = verdicts.verdict(result)
     lines = [
@@ -55,6 +56,16 @@ def render(result: SuiteResult) -> str:
         sections = [section for case in result.cases for section in _case(case, part)]
         if sections:
             lines += ["", f"## {title}", *sections]
+    if sensitivity is not None:
+        lines += [
+            "",
+            "## 4 Sensitivity: what would the suite have caught?",
+            "",
+            plain(sensitivity.headline),
+            "",
+        ]
+        lines += [f"- {plain(sentence)}" for sentence in sensitivity.blind_spots]
+        lines += ["", plain(sensitivity.alarms)] if sensitivity.alarms else []
     if result.studies:
         lines += ["", "## Studies: what may a user rely on?"]
         lines += [line for study in result.studies for line in _study(study)]

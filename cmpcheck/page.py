@@ -19,6 +19,7 @@ from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
 from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import CaseResult, Chart, Comparison, Convergence, Ensemble, SuiteResult, Trace
+from cmpcheck.sensitivity.page import Section
 from cmpcheck.study_page import PrintedTable, printed_studies, printed_table
 from cmpcheck.verdicts import KNOWN, REFERENCE
 
@@ -112,7 +113,9 @@ def tally_text(rows: Iterable[Comparison]) -> str:
     return ", ".join(f"{n} {verdicts.WORDS[status]}" for status, n in verdicts.count(rows).items())
 
 
-def render(result: SuiteResult, designs: Sequence[DesignLink] = ()) -> str:
+def render(
+    result: SuiteResult, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None
+) -> str:
     """The whole page as one self-contained HTML document, with links to design runs beside it."""
     environment = Environment(
         loader=PackageLoader("cmpcheck"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
@@ -137,6 +140,7 @@ def render(result: SuiteResult, designs: Sequence[DesignLink] = ()) -> str:
         studies=printed_studies(result),
         anchors=anchors,
         designs=designs,
+        sensitivity=sensitivity,
         provenance=list(_flat(result.provenance)),
         symbols=verdicts.SYMBOLS,
         status_words=verdicts.WORDS,

@@ -6,6 +6,7 @@ have to be is the judges' business.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -71,13 +72,18 @@ def contacts_by_copy(run: Run, setup: Setup, kind: str) -> list[pd.DataFrame]:
     rows = run.contacts[run.contacts["kind"] == kind].sort_values(["time", "i", "j"], kind="stable")
     owner = rows["i"] // n
     local = rows.assign(i=rows["i"] % n, j=np.where(rows["j"] < 0, -1, rows["j"] % n))
-    return [local[owner == copy] for copy in range(setup.copies)]
+    order = np.argsort(owner.to_numpy(), kind="stable")
+    ends = np.searchsorted(owner.to_numpy()[order], np.arange(setup.copies + 1))
+    together = local.iloc[order]
+    return [together.iloc[begin:end] for begin, end in itertools.pairwise(ends)]
 
 
 def contact_columns(contacts: list[pd.DataFrame], count: int) -> Iterator[pd.DataFrame]:
     """For each of the first `count` contacts, its row in every copy (all copies must have it)."""
+    together = pd.concat(contacts)
+    first = np.cumsum([0, *(len(frame) for frame in contacts[:-1])])
     for k in range(count):
-        yield pd.DataFrame([frame.iloc[k] for frame in contacts])
+        yield together.iloc[first + k]
 
 
 def model_impulse(rows: pd.DataFrame) -> np.ndarray:
@@ -87,6 +93,16 @@ def model_impulse(rows: pd.DataFrame) -> np.ndarray:
     """
     missing = rows["duration"].to_numpy(float) - rows["contact_time"].to_numpy(float)
     return rows["normal_impulse"].to_numpy(float) - rows["external_force"].to_numpy(float) * missing
+
+
+def pair_model_impulse(rows: pd.DataFrame, reduced_mass: float) -> np.ndarray:
+    """As `model_impulse` for pairs: Eq 9's J contains m* (E_in/m_i - E_jn/m_j) delta t, in N s.
+
+    Parameters: reduced_mass m*, kg; in the ledger the external force of a pair is an acceleration.
+    """
+    missing = rows["duration"].to_numpy(float) - rows["contact_time"].to_numpy(float)
+    given = rows["normal_impulse"].to_numpy(float)
+    return given + reduced_mass * rows["external_force"].to_numpy(float) * missing
 
 
 def free_flight_change(run: Run, setup: Setup) -> float:

@@ -22,6 +22,7 @@ from cmpcheck import verdicts
 from cmpcheck.display import printable, quantity_text, ratio_text
 from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import STATUSES, Comparison, EngineInfo, SuiteResult
+from cmpcheck.sensitivity.page import Section
 from cmpcheck.verdicts import exit_code, verdict
 
 SCHEMA = "cmpcheck-report/1"
@@ -36,10 +37,12 @@ _COLOURS = {
 __all__ = ["SCHEMA", "exit_code", "junit", "report_json", "summary_table", "verdict", "write_report"]
 
 
-def write_report(result: SuiteResult, folder: Path, designs: Sequence[DesignLink] = ()) -> None:
+def write_report(
+    result: SuiteResult, folder: Path, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None
+) -> None:
     """Write the four files into `folder`, which is created if need be; equal results give equal bytes.
 
-    The page links the `designs`.
+    The page links the `designs`, and shows the `sensitivity` of the suite as its fourth part.
     """
     from cmpcheck import markdown, page
 
@@ -47,8 +50,8 @@ def write_report(result: SuiteResult, folder: Path, designs: Sequence[DesignLink
     files = {
         "report.json": report_json(result),
         "junit.xml": junit(result),
-        "report.md": markdown.render(result),
-        "index.html": page.render(result, designs),
+        "report.md": markdown.render(result, sensitivity),
+        "index.html": page.render(result, designs, sensitivity),
     }
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():

@@ -16,6 +16,8 @@ from pathlib import Path
 
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
+from cmpcheck.components import CASE as COMPONENTS
+from cmpcheck.components import component_result
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.engines.lammps_contract import check_deck
@@ -133,7 +135,10 @@ def variants_by_case(names: Sequence[str]) -> dict[str, list[str]]:
 
 def is_ensemble(case: Case) -> bool:
     """Whether trajectories of a case part too early to be compared: many particles wear a surface."""
-    return case.pad is not None or (case.particles is not None and case.surface.kind != "none")
+    alone = len(case.particle) == 1 and case.removal is None and case.fluid is None
+    return (case.pad is not None and not alone) or (
+        case.particles is not None and case.surface.kind != "none"
+    )
 
 
 def run_suite(
@@ -147,13 +152,14 @@ def run_suite(
     studies: Sequence[str] = (),
     runs: Path = Path("runs"),
     trajectories: Trajectories | None = None,
+    components: bool = False,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
     progress; names of studies, and the folder for runs of theirs that outlive the report; trajectories of
-    other codes.
+    other codes; whether to check the components too, as a last case.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -207,6 +213,10 @@ def run_suite(
         jobs,
         None if progress is None else lambda name: progress(name, 1, 1),
     )
+    if components:
+        results.append(component_result())
+        if progress is not None:
+            progress(COMPONENTS, 1, 1)
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
         names = ", ".join(path.name for path in files.files.values())

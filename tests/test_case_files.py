@@ -18,11 +18,22 @@ from reference.case_sections import Material, Particle
 from reference.units import to_si
 
 ISSUED = {
-    "asperity_bounce": ("plateau", "edge", "corner", "flank", "valley", "on_edge", "on_corner"),
+    "asperity_bounce": (
+        "plateau",
+        "node_depth",
+        "edge",
+        "corner",
+        "flank",
+        "valley",
+        "on_edge",
+        "on_corner",
+    ),
     "bounce_train": ("",),
     "couette_drift": ("",),
     "drag_regimes": ("",),
     "drag_relaxation": ("",),
+    "pad_strike": ("",),
+    "pair_drag": ("",),
     "pair_head_on": ("e0.2", "e0.5", "e0.8", "e1"),
     "pair_slip": ("",),
     "pair_stick": ("",),
@@ -141,6 +152,7 @@ def test_jitter_leaves_every_drop_above_the_surface_of_its_place():
     r = 0.25
     touch = {
         "plateau": 1 + r,
+        "node_depth": 1 + r,
         "edge": 1 + math.sqrt(r**2 - (0.08 - 0.02) ** 2),
         "corner": 1 + math.sqrt(r**2 - 2 * (0.05 - 0.02) ** 2),
         "flank": 4 - (3.627 - 0.02) + math.sqrt(2) * r,

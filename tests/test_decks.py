@@ -26,7 +26,7 @@ PROGRAMS = Path(sys.executable).parent
 NATIVE = (
     "pair_head_on", "pair_stick", "pair_slip", "swarm", "drag_relaxation", "drag_regimes", "couette_drift",
 )  # fmt: skip
-SINGLE = ("wall_bounce", "wall_oblique", "asperity_bounce", "bounce_train")
+SINGLE = ("wall_bounce", "wall_oblique", "asperity_bounce", "bounce_train", "pad_strike", "pair_drag")
 POLISH = ("polish_pair", "polish_pair_surface_only")
 STRUCK = ("resting_struck",)
 WITH_FIX = SINGLE + POLISH + STRUCK

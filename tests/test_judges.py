@@ -184,18 +184,24 @@ BOUNCE, CLEAN, OBLIQUE = ("wall_bounce", "pickup"), ("wall_bounce", "no_pickup")
 EDGE, FLANK = ("asperity_bounce", "edge"), ("asperity_bounce", "flank")
 STOKES, REGIMES, COUETTE = ("drag_relaxation", ""), ("drag_regimes", ""), ("couette_drift", "")
 TRAIN, RESTING = ("bounce_train", ""), ("resting_struck", "")
+PAD, DRAGGED, DEPTH = ("pad_strike", ""), ("pair_drag", ""), ("asperity_bounce", "node_depth")
 
 PATH = {"trajectory_distance"}
 VELOCITY = {"velocity_x", "velocity_y", "velocity_z"}
 BALANCE = {"mass_balance"}
 RUBBED = {"energy_lost", *VELOCITY}
 AFTER = {"restitution", *RUBBED}
-CAP = {"yield_radius", "indentation_depth", "removed_volume"}
+CAP = {"yield_radius", "indentation_depth", "removed_volume", "surface_shape"}
 GAIN = {"removed_mass", "velocity_z", "energy_lost"}  # the mass picked up slows the particle
 REBOUND = {"normal_impulse", "load", "restitution", *CAP, *GAIN}
-TURNED = {"approach_speed", "velocity_x", *REBOUND, *PATH}
+TURNED = {"approach_speed", "velocity_x", "flatness", *REBOUND, *PATH}
 CUT = {"removed_volume", "removed_mass"}
 SHARED = {"velocity_z", "normal_impulse", "removed_volume"}
+STRUCK_PAD = {"approach_speed", "normal_impulse", "velocity_z"}
+AFTER_DRAG = {"normal_impulse", "restitution", *VELOCITY}
+DRAG = {"approach_speed", "friction_impulse"}
+DEEPER = {"removed_volume", "surface_shape"}
+SHAPE = {"flatness", *DEEPER}
 TRAINED = {"approach_speed", "normal_impulse", "load", *CUT}
 
 FAULTS = [
@@ -215,11 +221,11 @@ FAULTS = [
     Fault(BOUNCE, "no root of 3 in Eq 34", CAP | GAIN, model(yield_stress=times(3**0.5))),
     Fault(BOUNCE, "density of the wall + 1 %", GAIN | BALANCE, model(surface_density=times(1.01))),
     Fault(BOUNCE, "mass not picked up", GAIN | BALANCE, model(mass_pickup=False)),
-    Fault(BOUNCE, "5 % more taken off the wall", BALANCE | {"removed_volume"}, model(acceleration=1.05)),
+    Fault(BOUNCE, "5 % more taken off the wall", BALANCE | DEEPER, model(acceleration=1.05)),
     Fault(BOUNCE, "one copy misses its impact", {"impacts"}, state(position=one_higher)),
     Fault(BOUNCE, "an impact too many", {"impacts"}, spoil=ledger(once_more)),
     Fault(CLEAN, "mass picked up", GAIN, model(mass_pickup=True)),
-    Fault(CLEAN, "5 % more taken off the wall", {"removed_volume"}, model(acceleration=1.05)),
+    Fault(CLEAN, "5 % more taken off the wall", DEEPER, model(acceleration=1.05)),
     Fault(OBLIQUE, "tangential velocity kept", RUBBED - {"velocity_z"}, spoil=final_velocity(undiluted)),
     Fault(FLANK, "normal turned by 0.03 degrees", TURNED, state(heights=times(1.001))),
     Fault(EDGE, "edge out of place by 1 nm", TURNED, state(position=lambda r: r - [1e-9, 0.0, 0.0])),
@@ -227,7 +233,13 @@ FAULTS = [
     Fault(TRAIN, "flow + 0.5 %", TRAINED | {"impact_time"}, model(flow_z=times(1.005))),
     Fault(TRAIN, "viscosity + 1 %", {"impact_time"}, model(viscosity=times(1.01))),
     Fault(TRAIN, "cap volume + 5 %", CUT, model(yield_stress=times(1.05**-0.5))),
-    Fault(TRAIN, "third impact below the threshold", CUT, model(threshold_velocity=0.1)),
+    Fault(TRAIN, "third impact below the threshold", {*CUT, "removals"}, model(threshold_velocity=0.1)),
+    Fault(
+        TRAIN,
+        "fourth impact above the threshold",
+        {"removals", "removed_mass"},
+        model(threshold_velocity=0.0),
+    ),
     Fault(TRAIN, "drag left out of Eq 30", {"normal_impulse"}, spoil=NO_DRAG),
     Fault(TRAIN, "mass not picked up", {"removed_mass", *BALANCE}, model(mass_pickup=False)),
     Fault(TRAIN, "5 % more taken off the wall", BALANCE, model(acceleration=1.05)),
@@ -244,6 +256,19 @@ FAULTS = [
     Fault(COUETTE, "viscosity + 1 %", VELOCITY | PATH, model(viscosity=times(1.01))),
     Fault(COUETTE, "shear rate + 0.1 %", {"velocity_x", *PATH}, model(wall_speed=times(1.001))),
     Fault(COUETTE, "gap - 0.1 %", {"velocity_x", *PATH}, model(gap=times(0.999))),
+    Fault(
+        PAD,
+        "restitution of the pad + 0.5 %",
+        {"impact_time", *STRUCK_PAD},
+        model(pad_restitution=times(1.005)),
+    ),
+    Fault(PAD, "pad descends 0.5 % faster", {"pad_height", *STRUCK_PAD}, model(pad_descent=times(1.005))),
+    Fault(PAD, "pad stops 1 nm higher", {"pad_height"}, model(pad_minimum=lambda h: h + 1e-9)),
+    Fault(PAD, "restitution of the wall + 0.5 %", STRUCK_PAD, model(restitution=times(1.005))),
+    Fault(DRAGGED, "restitution + 5 %", AFTER_DRAG, model(restitution=times(1.05))),
+    Fault(DRAGGED, "viscosity + 5 %", AFTER_DRAG | DRAG, model(viscosity=times(1.05))),
+    Fault(DEPTH, "5 % deeper", SHAPE, model(acceleration=1.05)),
+    Fault(DEPTH, "a volume for a depth", SHAPE, model(deposit=1)),
 ]
 IRRELEVANT = [  # constants that do not enter: an equal outcome is no fault
     Fault(STICK, "friction that is not exhausted", set(), model(**dict.fromkeys(FRICTION, times(1.01)))),

@@ -28,7 +28,7 @@ from cmpcheck.engines.lammps_setup import (
 )
 from cmpcheck.engines.observed import Observed, label, observed_run
 from cmpcheck.engines.protocol import Resolution
-from cmpcheck.fixes.layout import MICRO
+from cmpcheck.fixes.layout import FORMS, MICRO
 from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
 from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
@@ -127,7 +127,7 @@ def _simulate(
         setup.state.modulus,
         setup.state.heights,
         pad_height=setup.state.pad_height,
-        form="observe" if native else resolution.form,
+        form="observe" if native else FORMS[0] if resolution.form == "native" else resolution.form,
         contact_duration=resolution.contact_duration,
         sample_every=stride,
         max_samples=len(setup.output_times),

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from cmpcheck.judges.drag import DragJudge
+from cmpcheck.judges.dragged import DraggedPairJudge
+from cmpcheck.judges.pad import PadJudge
 from cmpcheck.judges.pair import PairJudge
 from cmpcheck.judges.protocol import Judge, Measured
 from cmpcheck.judges.struck import StruckJudge
@@ -10,7 +14,8 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.judges.train import TrainJudge
 from cmpcheck.judges.wall import WallJudge
 from reference.case import CaseError
-from reference.state import FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Setup
+from reference.exact import NoTouch
+from reference.state import DEPOSIT_NONE, FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Setup
 
 __all__ = ["Judge", "Measured", "judge_of"]
 
@@ -25,7 +30,8 @@ def judge_of(setup: Setup) -> Judge:
         raise CaseError(
             f"{setup.case.name}: no comparison is known for this kind of case; allowed: two spheres "
             "without a wall, one sphere and a wall (with a uniform flow: a flat one), a sphere that "
-            "falls on one that rests on a wall, spheres in a flow away from walls, a swarm without either"
+            "falls on one that rests on a wall, a sphere between a flat wall and a pad, "
+            "spheres in a flow away from walls, a swarm without either"
         )
     return judge
 
@@ -35,7 +41,11 @@ def _judge_of(setup: Setup) -> Judge | None:
     explicit = bool(setup.case.particle)
     drags, wall, flat = model.flow != FLOW_NONE, model.has_surface, not setup.state.heights.any()
     if model.has_pad:
-        return None
+        alone = explicit and particles == 1 and flat and not drags and model.deposit == DEPOSIT_NONE
+        return PadJudge(setup) if alone else None
+    if explicit and particles == 2 and not wall and model.flow == FLOW_UNIFORM and model.has_pairs:
+        with contextlib.suppress(NoTouch):
+            return DraggedPairJudge(setup)
     if explicit and ((drags and not wall) or model.flow == FLOW_COUETTE):
         return DragJudge(setup)
     if explicit and particles == 2 and not wall:

@@ -69,6 +69,10 @@ class TrainJudge:
                 values, limit = rows["removed_volume"], REMOVED_VOLUME_LIMIT
                 found.add("removed_volume", "32-36", "m3", values, volume, volume, place, limit=limit)
             removed += volume
+        caps = [rows["removed_volume"].to_numpy() for rows in contacts]
+        expected = sum(hit.removal.volume > 0.0 for hit in self.exact.impacts[: self.count])
+        removals = np.array([float((cap > 0.0).sum()) for cap in caps])
+        found.add("removals", "29-36", "1", removals, expected, 1.0, rounding=0.5)
         mass = model.surface_density * removed
         if model.mass_pickup:
             limit = REMOVED_VOLUME_LIMIT

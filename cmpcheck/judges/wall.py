@@ -13,9 +13,11 @@ from cmpcheck.phases import split, surfaces, unwrapped
 from cmpcheck.results import Trace
 from reference import exact
 from reference.contact import effective_modulus
-from reference.heightfield import Heightfield
+from reference.heightfield import Heightfield, flatness
 from reference.recording import Run
 from reference.state import DEPOSIT_NODE_DEPTH, DEPOSIT_NONE, Setup
+
+FLATTER = 1e-6  # a smaller change of Pi is lost in the round-off of its sum
 
 
 class Flight(NamedTuple):
@@ -26,12 +28,13 @@ class Flight(NamedTuple):
     velocities: list[np.ndarray]  # before the first, and after each impact, m/s
     hits: list[exact.WallImpact]
     normals: list[np.ndarray]
+    heights: np.ndarray  # of the surface at the end, m
 
     def position(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Centres (T, 3) at given times, m."""
+        """Centres (T, 3) at given times, m; before time 0 on the way to where it starts."""
         knots = np.array([0.0, *self.times])
         centres = np.array([start, *self.points])
-        leg = np.searchsorted(knots, times, side="right") - 1
+        leg = np.maximum(np.searchsorted(knots, times, side="right") - 1, 0)
         return centres[leg] + np.array(self.velocities)[leg] * (times - knots[leg])[:, np.newaxis]
 
 
@@ -54,26 +57,25 @@ def wall_of(setup: Setup) -> exact.Wall:
 def fly(setup: Setup, surface: Heightfield, position: np.ndarray) -> Flight:
     """Exact flight of particle 0 from `position` until the end, lowering a copy of the surface as it goes."""
     model, wall = setup.model, wall_of(setup)
-    surface = Heightfield(surface.z, surface.spacing)
     radius, mass = float(setup.state.diameter[0]) / 2, float(setup.state.mass[0])
-    flight = Flight([], [], [setup.state.velocity[0]], [], [])
+    z, flight = surface.z, Flight([], [], [setup.state.velocity[0]], [], [], surface.z)
     clock, centre, velocity = 0.0, np.array(position), setup.state.velocity[0]
     while velocity[2] < 0.0:
-        touch = exact.meet_heightfield(surface.z, surface.spacing, centre, velocity, radius)
+        touch = exact.meet_heightfield(z, surface.spacing, centre, velocity, radius)
         clock += touch.time
         if not clock < setup.end_time:
             break
         hit = exact.removing_impact(mass, radius, velocity, touch.normal, wall)
-        lower = surface.lower_node if model.deposit == DEPOSIT_NODE_DEPTH else surface.remove_volume
-        amount = hit.removal.depth if model.deposit == DEPOSIT_NODE_DEPTH else hit.removal.volume
-        lower(touch.point[0], touch.point[1], model.acceleration * amount)
+        amount = "depth" if model.deposit == DEPOSIT_NODE_DEPTH else "volume"
+        taken = {amount: model.acceleration * getattr(hit.removal, amount)}
+        z = exact.lowered(z, surface.spacing, touch.point[0], touch.point[1], **taken)
         centre, velocity, mass = touch.centre, hit.velocity, hit.mass
         flight.times.append(clock)
         flight.points.append(centre)
         flight.velocities.append(velocity)
         flight.hits.append(hit)
         flight.normals.append(touch.normal)
-    return flight
+    return flight._replace(heights=z)
 
 
 class WallJudge:
@@ -107,6 +109,7 @@ class WallJudge:
         self._add_flight(found, setup, run)
         if any(hit.removal.volume > 0.0 for hit in hits):
             self._add_mass(found, run, copies)
+            self._add_shape(found, run, copies)
         self._add_distance(found, setup, run)
         return found
 
@@ -208,24 +211,44 @@ class WallJudge:
         if model.mass_pickup and model.deposit != DEPOSIT_NODE_DEPTH and model.acceleration == 1.0:
             add_mass_balance(found, run, copies, model.surface_density, cut)
 
-    def _flights(self, setup: Setup) -> list[tuple[np.ndarray, Flight]]:
-        heights = surfaces(Heightfield(setup.state.heights, setup.model.spacing), setup.copies)
-        shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
-        starts = split(setup.state.position, setup.copies)[:, 0]
-        return [
-            (start, fly(self.setup, surface, start - offset))
-            for start, surface, offset in zip(starts, heights, shift, strict=True)
-        ]
+    def _add_shape(self, found: Findings, run: Run, copies: int) -> None:
+        """The node that departs farthest from where it should be, and how much flatter the surface is."""
+        assert run.surface is not None
+        ends = surfaces(run.surface, copies)
+        fall = float((self.surface.z - self.exact.heights).max())
+        wrong = [float(np.abs(end.z - self.exact.heights).max()) for end in ends]
+        found.add(
+            "surface_shape", "36", "m", wrong, 0.0, fall, limit=REMOVED_VOLUME_LIMIT, against_exact=True,
+            expected_error=q.volume_rounding(run) / self.surface.spacing**2,
+        )  # fmt: skip
+        if not self.surface.z.any():
+            return
+        cost, start = self.setup.case.cost, self.surface.z
+        flatter = [1.0 - flatness(end.z, start, cost.target_height, cost.exponent) for end in ends]
+        expected = 1.0 - exact.flatness(self.exact.heights, start, cost.target_height, cost.exponent)
+        if abs(expected) > FLATTER:
+            found.add(
+                "flatness", "44", "1", flatter, expected, abs(expected), "1 - Pi", limit=REMOVED_VOLUME_LIMIT,
+                against_exact=True, expected_error=q.EPS * (start.size + 10),
+            )  # fmt: skip
+
+    def _paths(self, setup: Setup, times: np.ndarray) -> np.ndarray:
+        """Exact centres (T, copies, 3) in the first copy's place: all fly one path, each at another phase."""
+        velocity, origin = self.setup.state.velocity[0], self.setup.state.position[0]
+        aside = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
+        apart = split(setup.state.position, setup.copies)[:, 0] - aside - origin
+        apart[:, :2] -= self.setup.model.length_x * np.round(apart[:, :2] / self.setup.model.length_x)
+        early = apart @ velocity / (velocity @ velocity)
+        paths = [self.exact.position(origin, times + shift) for shift in early]
+        # each starts where it was put, at whichever image that is
+        return np.stack(paths, axis=1) + (
+            split(setup.state.position, setup.copies)[:, 0] - aside - origin - apart
+        )
 
     def _distance(self, setup: Setup, run: Run) -> np.ndarray:
         """Distance (T, copies) from the exact path."""
         shift = self.setup.model.length_x * np.arange(setup.copies)[:, np.newaxis] * [1.0, 0.0, 0.0]
-        positions = unwrapped(run, setup) - shift
-        paths = [
-            flight.position(start - shift[k], run.times)
-            for k, (start, flight) in enumerate(self._flights(setup))
-        ]
-        return np.linalg.norm(positions - np.stack(paths, axis=1), axis=2)
+        return np.linalg.norm(unwrapped(run, setup) - shift - self._paths(setup, run.times), axis=2)
 
     def traces(self, setup: Setup, run: Run, engine: str) -> list[Trace]:
         """Height of the centre, and the normal impulse of each impact."""
@@ -234,9 +257,8 @@ class WallJudge:
         impacts = run.contacts[(run.contacts["i"] == 0) & (run.contacts["kind"] == "surface")]
         when, impulse = impacts["time"], impacts["normal_impulse"]
         if engine == "exact":
-            start, flight = self._flights(setup)[0]
-            heights = flight.position(start, run.times)[:, 2]
-            when, impulse = flight.times, [hit.normal_impulse for hit in flight.hits]
+            heights = self._paths(setup, run.times)[:, 0, 2]
+            when, impulse = self.exact.times, [hit.normal_impulse for hit in self.exact.hits]
         label = {"case": case.name, "variant": case.variant, "engine": engine}
         return [
             Trace(**label, label="height of the centre", unit="m", times=times, values=tuple(heights)),

@@ -5,6 +5,7 @@ Nothing here is imported from the model's files (contact, drag, removal, heightf
 no comparison is made here.  SI floats throughout; vectors have shape (3,).
 """
 
+from reference.exact.adaptive import AdaptiveRun, adaptive_stokes
 from reference.exact.collision import (
     NormalImpact,
     PairCollision,
@@ -16,6 +17,8 @@ from reference.exact.collision import (
     pair_collision,
     pair_trajectory,
 )
+from reference.exact.deposit import flatness, lowered
+from reference.exact.dragged import DraggedCollision, NoTouch, dragged_collision, impact_in_flow
 from reference.exact.flow import (
     DragMotion,
     couette_motion,
@@ -44,6 +47,7 @@ from reference.exact.indent import (
     yield_radius,
 )
 from reference.exact.oblique import Law, Rebound, oblique_impact, sliding, sliding_angle
+from reference.exact.pad import Pad, PadImpact, between_wall_and_pad
 from reference.exact.struck import Struck, resting_struck
 from reference.exact.touch import (
     SurfaceTouch,
@@ -70,11 +74,16 @@ from reference.exact.wear import (
 )
 
 __all__ = [
+    "AdaptiveRun",
     "BounceTrain",
     "DragMotion",
+    "DraggedCollision",
     "ElasticImpact",
     "Law",
+    "NoTouch",
     "NormalImpact",
+    "Pad",
+    "PadImpact",
     "PairCollision",
     "PairTrajectory",
     "Rebound",
@@ -85,7 +94,9 @@ __all__ = [
     "SurfaceTouch",
     "Wall",
     "WallImpact",
+    "adaptive_stokes",
     "arrival",
+    "between_wall_and_pad",
     "bounce_train",
     "broken_line",
     "cap_depth",
@@ -94,6 +105,7 @@ __all__ = [
     "damping_ratio",
     "drag_coefficient",
     "drag_motion",
+    "dragged_collision",
     "drop_onto_heightfield",
     "fastest_return",
     "finnie_angle",
@@ -103,10 +115,13 @@ __all__ = [
     "finnie_impact",
     "first_touch",
     "fixed_point_ratio",
+    "flatness",
     "hertz_duration",
     "hertz_impact",
     "hertz_integral",
+    "impact_in_flow",
     "implicit_euler_speed",
+    "lowered",
     "meet_heightfield",
     "meet_plane",
     "normal_impact",

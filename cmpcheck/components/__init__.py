@@ -1,0 +1,48 @@
+"""Checks of what no case reaches: equations that no kernel calls, setting up, random numbers, methods.
+
+Each gives a row as the cases do, under the name `components`.  They cost a few seconds, and are part of every
+`cmpcheck compare` without names of cases.
+"""
+
+from __future__ import annotations
+
+import time
+
+from cmpcheck.components import equations, methods, runs, setup
+from cmpcheck.components.row import CASE, failed
+from cmpcheck.results import CaseResult, Comparison
+
+__all__ = ["CASE", "check_components", "component_result"]
+
+PARTS = (equations.checks, setup.checks, runs.checks, methods.checks)
+
+
+def check_components(changed: str = "") -> list[Comparison]:
+    """Every row; a part that fails is one row with the status `error`.
+
+    Parameters: changed, a file of the model: parts that do not depend on it are left out.
+    """
+    rows: list[Comparison] = []
+    for part in PARTS:
+        if part is methods.checks and changed.startswith("reference/") and changed not in methods.MODEL_FILES:
+            continue
+        try:
+            rows += part()
+        except Exception as problem:  # the other parts go on
+            rows.append(failed(part.__module__.rpartition(".")[2], problem))
+    return rows
+
+
+def component_result() -> CaseResult:
+    """All rows as a case of the report."""
+    begin = time.perf_counter()
+    rows = check_components()
+    return CaseResult(
+        name=CASE,
+        title="Components",
+        sentence="What no case reaches: single equations, setting up, random numbers, methods of search and "
+        "of statistics.",
+        equations="9, 20-22, 29, 32-36, 40-43",
+        comparisons=rows,
+        seconds=time.perf_counter() - begin,
+    )

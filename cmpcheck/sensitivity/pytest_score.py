@@ -1,0 +1,111 @@
+"""Mutation testing of the tests: which of them fail while an error is on.
+
+The tests run in the guarded copy with the error named in the environment (`switch.py`), so that nothing is
+compiled for a single one.  Only errors of the model are asked: those of the reference's files.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from cmpcheck.sensitivity.mutants import Mutant
+from cmpcheck.sensitivity.patching import project_root
+from cmpcheck.sensitivity.store import Store
+from cmpcheck.sensitivity.switch import VARIABLE
+from cmpcheck.sensitivity.worker import TREE
+
+Progress = Callable[[str, int, int], None]
+KIND, BEFORE = "tests", "before"
+PATIENCE = 1800.0  # s for the tests with one error
+FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?)(?: - .*)?$", re.MULTILINE)
+# The tests of the model, those that fail soonest first; the rest needs a checkout, or runs other programs.
+FILES = (
+    "contact", "drag", "removal", "heightfield", "neighbors", "flatness", "genetic", "ensemble", "packing",
+    "pad", "process", "timestep", "simulation", "balances", "phases", "new_contacts", "exact_surface",
+    "exact_flow", "judges",
+)  # fmt: skip
+
+
+def available() -> bool:
+    """Whether the tests and their tools are here: they are in a checkout, not in an installed package."""
+    from importlib.util import find_spec
+
+    return (project_root() / "tests").is_dir() and find_spec("pytest") is not None
+
+
+def keep(store: Store, mutants: Sequence[Mutant], jobs: int, work: Path, progress: Progress) -> None:
+    """Ask the tests about every error of the reference's files."""
+    from cmpcheck.sensitivity.children import prepare, run_parallel
+
+    asked = [k for k, m in enumerate(mutants) if m.file.startswith("reference/") and m.side == "reference"]
+    left = [k for k in asked if store.get(KIND, mutants[k].name) is None]
+    if not available() or not left:
+        return
+    if not (work / TREE).exists():
+        prepare(work, list(mutants))
+    if not (work / TREE / "tests").exists():
+        shutil.copytree(project_root() / "tests", work / TREE / "tests")
+        shutil.copy(project_root() / "pyproject.toml", work / TREE)
+    progress("tests", len(asked) - len(left), len(asked))
+    before = store.get(BEFORE, "tests")
+    if before is None:
+        before = failing(work, None, 0.0, [], first_only=False)
+        store.put(BEFORE, "tests", before)
+
+    def one(number: int, found: list[str]) -> None:
+        store.put(KIND, mutants[number].name, found)
+        progress("tests", sum(store.get(KIND, mutants[k].name) is not None for k in asked), len(asked))
+
+    def ask(_: Any, number: int) -> list[str]:
+        return failing(work, number, mutants[number].size, before, first_only=True, near=mutants[number].file)
+
+    run_parallel(left, ask, [None] * jobs, one)  # type: ignore[list-item]
+
+
+def failing(
+    work: Path, number: int | None, size: float, without: Sequence[str], first_only: bool, near: str = ""
+) -> list[str]:
+    """Tests that fail in the guarded copy; those in `without` are left out, as they fail without an error.
+
+    Parameters: number of the error, None for none; near, its file, whose own tests are asked first.
+    """
+    tree, own = work / TREE, Path(near).stem
+    files = [f"tests/test_{name}.py" for name in sorted(FILES, key=lambda name: name != own)]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-m",
+        "not slow",
+    ]
+    command += [
+        *(["-x"] if first_only else []),
+        *(f"--deselect={name}" for name in without),
+        *files,
+        "reference",
+    ]
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(work / "numba"), "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1",
+    } | ({} if number is None else {VARIABLE: f"{number} {size!r}"})  # fmt: skip
+    try:
+        done = subprocess.run(
+            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return [f"no end within {PATIENCE:g} s"]
+    found = sorted(set(FAILED.findall(done.stdout)))
+    if done.returncode not in (0, 1) and not found:
+        return [f"pytest ended with code {done.returncode}"]
+    return found
