@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
+from cmpcheck.outputs import OutputError
 from cmpcheck.sensitivity import document, page, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
@@ -274,6 +275,8 @@ def test_a_real_error_is_noticed_a_harmless_one_is_not_and_a_stopped_run_ends_th
     assert 0.0 < stokes["largest_not_detected"] < stokes["smallest_detected"] < 1.0  # %
     with pytest.raises(Stopped):
         findings(tmp_path / "stopped", case, stop_at="seeded errors")
+    with pytest.raises(OutputError, match="holds an unfinished run; --resume"):
+        findings(tmp_path / "stopped", case)
     kept = len(list((tmp_path / "stopped" / "data" / "seeded").glob("*.json")))
     assert 1 <= kept < 3
     assert findings(tmp_path / "stopped", case, resume=True) == whole

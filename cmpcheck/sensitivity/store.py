@@ -47,12 +47,13 @@ class Store:
         held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
         foreign = [name for name in held if name not in OWN]
         if held and not force:
-            if foreign or not (folder / FOUND / SETTINGS).is_file():
+            unfinished, finished = (folder / FOUND / SETTINGS).is_file(), (folder / DOCUMENT).is_file()
+            if foreign or not (unfinished or finished):
                 what = (foreign or held)[0]
                 raise OutputError(
                     f"{folder}: holds {what} and no result of ours; choose another folder, or --force"
                 )
-            if not (folder / DOCUMENT).is_file():
+            if not finished:
                 how = "--resume to go on with it, --force to start again, or choose another folder"
                 raise OutputError(f"{folder}: holds an unfinished run; {how}")
         writable(folder)
