@@ -20,13 +20,13 @@ from reference.units import to_si
 ISSUED = {
     "asperity_bounce": (
         "plateau",
-        "node_depth",
         "edge",
         "corner",
         "flank",
         "valley",
         "on_edge",
         "on_corner",
+        "node_depth",
     ),
     "bounce_train": ("",),
     "couette_drift": ("",),

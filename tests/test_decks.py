@@ -144,7 +144,7 @@ def test_plain_lmp_refuses_a_deck_that_needs_the_fix(name, ranks, tmp_path):
 @pytest.mark.parametrize("name", SINGLE)
 def test_cmpcheck_deck_runs_it_with_the_same_result_on_one_and_two_ranks(name, tmp_path):
     log = tmp_path / "log"
-    coarse = {"contact_duration": "0.002", "steps_per_contact": "20", "duration": "0.04"}
+    coarse = {"contact_duration": "0.002", "steps_per_contact": "30", "duration": "0.04"}
     flags = [word for key, value in coarse.items() for word in ("-var", key, value)]
     quiet = ["-log", str(log), "-screen", "none", "-echo", "none"]
     assert run_deck(["-in", str(deck_path(name)), *flags, *quiet]) == 0
@@ -336,7 +336,7 @@ def test_a_deck_has_the_numbers_of_its_case(name):
         else:
             same("wall_speed", case.fluid.wall_speed)
             same("gap", case.fluid.gap * 1e6)
-    if case.pad:
+    if case.pad and name in POLISH:  # elsewhere the fix has it from the case
         same("pad_height", case.pad.initial_height * 1e6)
         same("wall_speed", case.pad.speed)
     if name in POLISH:

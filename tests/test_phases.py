@@ -242,7 +242,7 @@ class Listener:
         assert setup.copies == 2
         ahead = setup.state.position[1, 2] - setup.state.position[0, 2]
         self.shifts.append(ahead / setup.state.velocity[0, 2])
-        return SimpleNamespace()
+        return SimpleNamespace(provenance={})
 
     def measure(self, setup, run):
         return []

@@ -20,7 +20,7 @@ from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
 from cmpcheck.outputs import OutputError
-from cmpcheck.sensitivity import document, page, words
+from cmpcheck.sensitivity import building, document, page, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
 from cmpcheck.sensitivity.children import Died
@@ -261,7 +261,7 @@ def findings(folder: Path, case: Path, stop_at: str = "", resume: bool = False) 
 
     store = Store.resume(folder, plan.settings()) if resume else Store.create(folder, plan.settings(), False)
     run_plan(plan, store, progress)
-    return document.text_of(document.build(plan, store))
+    return document.text_of(building.build(plan, store))
 
 
 def test_a_real_error_is_noticed_a_harmless_one_is_not_and_a_stopped_run_ends_the_same(tmp_path, monkeypatch):

@@ -40,7 +40,7 @@ def sensitivity(
     Seeds errors into a copy of the sources, one at a time, and lists the checks that notice each.  The full
     profile also finds the smallest size that is noticed, the power of the statistics, and what tests miss.
     """
-    from cmpcheck.sensitivity import document, page, words
+    from cmpcheck.sensitivity import building, document, page, words
     from cmpcheck.sensitivity.catalogue import all_mutants
     from cmpcheck.sensitivity.run import plan_of, run_plan
     from cmpcheck.sensitivity.store import DOCUMENT, Store, write_whole
@@ -64,7 +64,7 @@ def sensitivity(
             run_plan(plan, store, show)
     except KeyboardInterrupt:
         complain(f"interrupted: {out} keeps what was found; to go on: {again}", INTERRUPTED)
-    found = document.build(plan, store)
+    found = building.build(plan, store)
     write_whole(out / "index.html", page.render(found))
     write_whole(out / "sensitivity.md", page.markdown(found))
     write_whole(out / DOCUMENT, document.text_of(found))

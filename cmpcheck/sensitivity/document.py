@@ -1,4 +1,7 @@
-"""sensitivity.json: what was found, as it is shown and read by others.  No formatting for people here."""
+"""sensitivity.json as it is read: what counts as a hole, what is explained, and whether all is well.
+
+Building it from what a run has kept is `building.py`; words for people are `words.py`.
+"""
 
 from __future__ import annotations
 
@@ -6,81 +9,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cmpcheck.sensitivity import false_alarms, orders, power
-from cmpcheck.sensitivity.checks import COMPONENTS
-from cmpcheck.sensitivity.mutants import Mutant
-from cmpcheck.sensitivity.run import SEEDED, SMALLEST, TESTS, Plan
-from cmpcheck.sensitivity.store import DOCUMENT, Store
+from cmpcheck.sensitivity.store import DOCUMENT
 
 SCHEMA = "cmpcheck-sensitivity/1"
 MOST_EXPLAINED = 3
-
-
-def build(plan: Plan, store: Store) -> dict[str, Any]:
-    """The document of a finished run; equal findings give equal documents."""
-    mutants = [_entry(plan.mutants[k], store, plan.profile) for k in plan.tasks()]
-    checks: dict[str, list[str]] = {}
-    for entry in mutants:
-        for check in entry["by"]:
-            checks.setdefault(check, []).append(entry["name"])
-    labels = [" ".join(label).strip() for label in plan.labels]
-    return {
-        "schema": SCHEMA,
-        "profile": plan.profile,
-        "run": labels,
-        "whole": COMPONENTS in labels,  # else some cases only, which cannot notice everything
-        "mutants": mutants,
-        "checks": [{"name": name, "notices": notices} for name, notices in sorted(checks.items())],
-        "false_alarm_rate": store.get(false_alarms.KIND, plan.profile) or {},
-        "power": _power(store),
-        "orders": store.get(orders.KIND, orders.NAME) or {},
-        "tests": _tests(mutants),
-    }
-
-
-def _entry(mutant: Mutant, store: Store, profile: str) -> dict[str, Any]:
-    found = store.get(SEEDED, mutant.name)
-    least = store.get(SMALLEST, mutant.name) if profile == "full" and mutant.continuous else None
-    by = found["by"] or (least["by"] if least else [])
-    entry: dict[str, Any] = {
-        "name": mutant.name,
-        "breaks": mutant.breaks,
-        "where": mutant.where,
-        "side": mutant.side,
-        "size": mutant.factor * mutant.size if mutant.continuous else None,
-        "unit": mutant.unit,
-        "detected": bool(by),
-        "by": by,
-        "smallest_detected": None,
-        "largest_not_detected": None,
-        "explained": "" if by else mutant.explained,
-        "tests": store.get(TESTS, mutant.name) if profile == "full" else None,
-    }
-    if least:
-        for key, name in (("size", "smallest_detected"), ("not_noticed", "largest_not_detected")):
-            entry[name] = None if least[key] is None else mutant.factor * least[key]
-        entry["by_smallest"] = least["by"]
-    return entry
-
-
-def _power(store: Store) -> dict[str, Any]:
-    curves = [
-        found
-        for row in power.needed_pairs()
-        for n in power.pair_numbers()
-        if (found := store.get(power.KIND, f"{row['quantity']} {n}")) is not None
-    ]
-    if not curves:
-        return {}
-    return {"curves": curves, "needed": power.needed_pairs(), "seconds": store.get("cost", "pair") or {}}
-
-
-def _tests(mutants: list[dict[str, Any]]) -> dict[str, Any]:
-    asked = [entry for entry in mutants if entry["tests"] is not None]
-    if not asked:
-        return {}
-    survivors = [entry["name"] for entry in asked if not entry["tests"]]
-    return {"asked": len(asked), "killed": len(asked) - len(survivors), "survivors": survivors}
 
 
 def holes(document: dict[str, Any]) -> list[str]:

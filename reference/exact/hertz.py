@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from scipy.special import beta
+BETA = math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)  # Euler's B(2/5, 1/2)
 
 
 class ElasticImpact(NamedTuple):
@@ -75,7 +75,7 @@ def hertz_impact(mass: float, stiffness: float, speed: float) -> ElasticImpact:
     2.94328
     """
     deepest = (1.25 * mass * speed**2 / stiffness) ** 0.4
-    return ElasticImpact(deepest, stiffness * deepest**1.5, 0.8 * float(beta(0.4, 0.5)) * deepest / speed)
+    return ElasticImpact(deepest, stiffness * deepest**1.5, 0.8 * BETA * deepest / speed)
 
 
 def spring_impact(mass: float, stiffness: float, speed: float) -> ElasticImpact:
@@ -100,7 +100,7 @@ def damping_ratio(restitution: float) -> float:
     """
     if not 0.0 < restitution <= 1.0:
         raise ValueError(f"restitution = {restitution:g}: allowed: > 0, <= 1; 0 needs an infinite dashpot")
-    logarithm = -math.log(restitution)
+    logarithm = math.log(1.0 / restitution)
     return logarithm / math.hypot(math.pi, logarithm)
 
 
