@@ -238,6 +238,7 @@ def test_what_is_removed_follows_from_load_and_joins_the_sphere():
 def test_the_closed_forms_import_no_model_file():
     allowed = {
         "__future__",
+        "collections.abc",
         "dataclasses",
         "itertools",
         "math",
