@@ -43,7 +43,8 @@ def section(document: dict[str, Any], href: str = "") -> Section:
     rows = [
         {
             "name": m["name"], "breaks": m["breaks"], "where": m["where"], "side": words.SIDES[m["side"]],
-            "size": words.size_text(m), "limit": words.limit_text(m), "cells": words.cells(m, names),
+            "size": words.size_text(m), "limit": words.limit_text(m), "finest": words.finest_check(m),
+            "cells": words.cells(m, names),
             "detected": m["detected"], "explained": bool(m["explained"]),
             "tests": "" if m["tests"] is None else (m["tests"][0] if m["tests"] else "none"),
         }

@@ -46,6 +46,11 @@ def limit_text(mutant: dict[str, Any]) -> str:
     return f"{number(mutant['smallest_detected'], 2)} {mutant['unit']}"
 
 
+def finest_check(mutant: dict[str, Any]) -> str:
+    """The check that notices the smallest size, one of them if there are several."""
+    return spaced(mutant["by_smallest"][0]) if mutant.get("by_smallest") else ""
+
+
 def blind_spots(document: dict[str, Any]) -> list[str]:
     """Three sentences on what the suite cannot see."""
     vanishing = ", ".join(f"“{m['name']}”" for m in explained(document)) or "a velocity of half a step before"
