@@ -181,7 +181,7 @@ class Evaluator:
     ) -> list[tuple[Ensemble, int]]:
         """What to submit now: suspects each alone, then missing samples, string by string."""
         if self._suspects:
-            return [] if flying else [self._suspects.pop()]
+            return [] if flying else [self._suspects.pop(0)]  # in turn, so that innocent ones come back
         busy = {(ensemble.number, k) for ensemble, k in flying}
         if any((number, k) in self._deaths for number, k in busy):
             return []  # a suspect flies alone
