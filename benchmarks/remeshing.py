@@ -19,7 +19,7 @@ from cmpcheck.studies.remeshing import CONTACT, STEPS, small_case
 from reference.ensemble import sample_case
 from reference.process import build_setup
 
-NODES = (10, 20, 40, 80)
+NODES = (10, 20, 40)
 DURATION = "4 us"
 SAMPLES = 3
 OUTPUT = Path(__file__).with_name("remeshing.md")
