@@ -397,3 +397,16 @@ def test_an_error_that_kills_its_process_is_noticed_and_a_dying_baseline_is_not_
     assert [row.check for row in evaluate(Mortal(), [WIDER], 0, 0.1, [])] == ["process: its process died"]
     with pytest.raises(Died):
         evaluate(Mortal(), [WIDER], None, 0.0, [])
+
+
+def test_a_process_that_is_killed_once_from_outside_is_no_finding():
+    class Interrupted(Scripted):
+        killed = False
+
+        def ask(self, request: dict) -> dict:
+            if not self.killed:
+                self.killed = True
+                raise Died("its process died")
+            return super().ask(request)
+
+    assert evaluate(Interrupted(limit=1.0), [WIDER], 0, 0.5, []) == []

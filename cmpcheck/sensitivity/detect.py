@@ -27,7 +27,7 @@ def evaluate(
     """
     request = {"do": "rows", "number": number, "size": size, "labels": [list(label) for label in labels]}
     try:
-        reply = child.ask(request)
+        reply = ask_twice(child, request)
     except Died as problem:
         if number is None:
             raise
@@ -35,6 +35,14 @@ def evaluate(
     if reply["problem"]:
         raise RuntimeError(f"{'' if number is None else mutants[number].name}: {reply['problem']}")
     return [Noticed(**row) for row in reply["rows"]]
+
+
+def ask_twice(child: Child, request: dict[str, Any]) -> dict[str, Any]:
+    """The answer; who is killed from outside is not killed twice.  Raises Died after the second time."""
+    try:
+        return child.ask(request)
+    except Died:
+        return child.ask(request)
 
 
 def record(mutant: Mutant, found: Sequence[Noticed]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from cmpcheck.sensitivity.checks import (
     only_new,
 )
 from cmpcheck.sensitivity.children import Child, prepare, run_parallel
-from cmpcheck.sensitivity.detect import evaluate, record, smallest
+from cmpcheck.sensitivity.detect import ask_twice, evaluate, record, smallest
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.store import Store, source_digest
 from cmpcheck.sensitivity.worker import BASELINE
@@ -130,7 +130,7 @@ def _baseline(plan: Plan, work: Path, children: Sequence[Child], progress: Progr
         tasks += [("lammps", [list(label)]) for label in with_table]
 
     def work_on(child: Child, task: tuple[str, list]) -> None:
-        reply = child.ask({"do": "baseline", "engine": task[0], "labels": task[1]})
+        reply = ask_twice(child, {"do": "baseline", "engine": task[0], "labels": task[1]})
         if reply["problem"]:
             raise RuntimeError(f"{task[0]} without an error: {reply['problem']}")
 
