@@ -18,8 +18,8 @@ from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path, last_words
-from cmpcheck.engines.liggghts_library import available, version
-from cmpcheck.engines.liggghts_run import SCREEN, simulate
+from cmpcheck.engines.liggghts_library import SCREEN, available, version
+from cmpcheck.engines.liggghts_run import simulate
 from cmpcheck.engines.observed import label, observed_run
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.results import EngineInfo

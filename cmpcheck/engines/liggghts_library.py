@@ -11,14 +11,17 @@ import ctypes.util
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 INSTALL = "apt-get install liggghts"
 PROGRAM = "liggghts"
+SCREEN = "screen"  # file in the working directory that gets what LIGGGHTS says
 ANSWERS_WITHIN = 60.0  # s, for `liggghts -help`
 
 
@@ -53,6 +56,23 @@ def available() -> tuple[bool, str]:
     """Whether LIGGGHTS is installed, and the reason why not."""
     found, reason = _probe()
     return bool(found), reason
+
+
+@contextmanager
+def opened(definitions: str, flags: Sequence[str]) -> Iterator[Liggghts]:
+    """An instance that has read a deck's definitions, closed at the end; the working directory gets files.
+
+    Parameters: flags of its command line, such as -var NAME VALUE.  What it says goes to the file `SCREEN`.
+    """
+    Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
+    part = Path("definitions").absolute()
+    part.write_text(definitions, "utf-8")
+    liggghts = Liggghts(["-log", "none", "-screen", SCREEN, *flags])
+    try:
+        liggghts.file(str(part))
+        yield liggghts
+    finally:
+        liggghts.close()
 
 
 class Liggghts:

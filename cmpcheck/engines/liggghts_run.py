@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from cmpcheck.engines.lammps_setup import Deck, input_flags
-from cmpcheck.engines.liggghts_library import Liggghts
+from cmpcheck.engines.liggghts_library import Liggghts, opened
 from cmpcheck.engines.liggghts_setup import (
     OBSERVED,
     create_atoms,
@@ -33,7 +33,6 @@ from reference.heightfield import Heightfield
 from reference.pad import lowest_pad_height, pad_velocity
 from reference.state import FLOW_NONE, Setup
 
-SCREEN = "screen"  # file in the working directory that gets what LIGGGHTS says
 DESCENT = "cmpcheck_descent"  # ID of the fix that moves the pad
 ONE_STEP = "run 1 pre no post no"
 STEP = "run {} pre no post no"
@@ -44,24 +43,16 @@ def simulate(deck: Deck, setup: Setup, resolution: Resolution, stride: int, time
 
     Parameters: stride, steps between outputs; time_step in s.
     Raises ValueError, in one line, for a deck or a run that is not as it must be.  LIGGGHTS's own errors end
-    the process; the last lines of the file `SCREEN` tell them.
+    the process; the last lines of `liggghts_library.SCREEN` tell them.
     """
     mesh = Path("surface.stl").absolute()
     if setup.model.has_surface:
         write_surface(Heightfield(setup.state.heights, setup.model.spacing), mesh)
     if setup.model.has_pad:
         write_pad(setup, mesh.with_name("pad.stl"))
-    arguments = ["-log", "none", "-screen", SCREEN, "-var", "driver", "1"]
-    arguments += input_flags(deck_variables(setup, resolution, time_step, mesh))
-    Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
-    part = Path("definitions").absolute()
-    part.write_text(deck.definitions(), "utf-8")
-    liggghts = Liggghts(arguments)
-    try:
-        liggghts.file(str(part))
+    values = {"driver": "1", **deck_variables(setup, resolution, time_step, mesh)}
+    with opened(deck.definitions(), input_flags(values)) as liggghts:
         return _Watched(liggghts, deck, setup, resolution, stride, time_step, mesh).run()
-    finally:
-        liggghts.close()
 
 
 class _Watched:

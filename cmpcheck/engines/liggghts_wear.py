@@ -17,8 +17,7 @@ from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path, input_flags, last_words
 from cmpcheck.engines.liggghts import NOISE
-from cmpcheck.engines.liggghts_library import Liggghts
-from cmpcheck.engines.liggghts_run import SCREEN
+from cmpcheck.engines.liggghts_library import SCREEN, opened
 from cmpcheck.fixes.layout import MICRO
 
 DECK = "finnie_wear"
@@ -55,7 +54,7 @@ class FinnieDeck:
     def __init__(self, path: Path | None = None, mesh: Path | None = None) -> None:
         self.path = path or deck_path(DECK, "liggghts")
         self.mesh = mesh or deck_path(DECK, "liggghts").parent / "triangle.stl"
-        self.definitions = Deck(self.path, self.path.read_text("utf-8")).definitions()
+        self.definitions = Deck.read(self.path).definitions()
         self.child = Child()
 
     def removed(self, impact: Impact) -> np.ndarray:
@@ -84,16 +83,9 @@ class FinnieDeck:
 
 def worn_depths(definitions: str, values: dict[str, float | str]) -> np.ndarray:
     """Run the deck in this process, whose working directory gets files: wear times area (triangles,), um3."""
-    arguments = ["-log", "none", "-screen", SCREEN, *input_flags(values)]
-    for old in (DUMP, SCREEN):  # an instance before may write to its own until the process ends
-        Path(old).unlink(missing_ok=True)
-    part = Path("definitions").absolute()
-    part.write_text(definitions, "utf-8")
-    liggghts = Liggghts(arguments)
-    try:
-        liggghts.file(str(part))
-    finally:
-        liggghts.close()
+    Path(DUMP).unlink(missing_ok=True)
+    with opened(definitions, input_flags(values)):
+        pass  # the deck runs by itself and writes its dump
     words = Path(DUMP).read_text("utf-8").split()
     corners = _numbers(words, "POINTS", "float").reshape(-1, 3, 3)  # each triangle has its own three
     along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

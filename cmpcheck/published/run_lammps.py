@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cmpcheck.engines.lammps_library import EngineError, error_message, open_lammps, per_atom
-from cmpcheck.engines.lammps_setup import Deck, execute
+from cmpcheck.engines.lammps_setup import Deck, execute, input_flags
 from cmpcheck.published.scene import After, Scene, separation
 
 
@@ -16,9 +16,7 @@ def run_lammps(deck: Deck, scene: Scene) -> After:
     """Simulate a scene.  Raises EngineError, with LAMMPS's own words, when that fails."""
     with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
         arguments = ["-log", str(Path(folder) / "log"), "-screen", "none", "-var", "driver", "cmpcheck"]
-        for key, value in scene.variables.items():
-            arguments += ["-var", key, f"{value:.17g}"]
-        lmp = open_lammps(arguments)
+        lmp = open_lammps(arguments + input_flags(scene.variables))
         try:
             execute(lmp, deck.definitions(), deck.path)
             return _simulate(lmp, scene)

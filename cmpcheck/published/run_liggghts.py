@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from cmpcheck.engines.lammps_library import EngineError
-from cmpcheck.engines.lammps_setup import Deck
+from cmpcheck.engines.lammps_setup import Deck, input_flags
 from cmpcheck.engines.liggghts import ask_child
-from cmpcheck.engines.liggghts_library import Liggghts
-from cmpcheck.engines.liggghts_run import SCREEN
+from cmpcheck.engines.liggghts_library import Liggghts, opened
 from cmpcheck.published.scene import After, Scene, separation
 
 TIMEOUT = 120.0  # s, for a run of well below one
@@ -27,18 +24,8 @@ def run_liggghts(deck: Deck, scene: Scene) -> After:
 
 def simulate(deck: Deck, scene: Scene) -> After:
     """Run a scene in this process, whose working directory gets files."""
-    arguments = ["-log", "none", "-screen", SCREEN, "-var", "driver", "1"]
-    for key, value in scene.variables.items():
-        arguments += ["-var", key, f"{value:.17g}"]
-    Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
-    part = Path("definitions").absolute()
-    part.write_text(deck.definitions(), "utf-8")
-    liggghts = Liggghts(arguments)
-    try:
-        liggghts.file(str(part))
+    with opened(deck.definitions(), input_flags({"driver": "1", **scene.variables})) as liggghts:
         return _simulate(liggghts, scene)
-    finally:
-        liggghts.close()
 
 
 def _simulate(liggghts: Liggghts, scene: Scene) -> After:
