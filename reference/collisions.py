@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import formula, kernel
+from reference.compiled import formula, inlined, kernel
 from reference.contact import (
     compression_impulse,
     effective_modulus,
@@ -95,6 +95,56 @@ def drag_on_particle(model, pad_height, p, i):
     return drag_on(model, pad_height, x[2], v[0], v[1], v[2], p.diameter[i])
 
 
+@inlined
+def pair_impulse(model, dt, m_i, m_j, d_i, d_j, modulus, normal_ij, velocity_ij, separation, on_i, on_j):
+    """What particle j gives to i in a contact: (jx, jy, jz, normal, friction, lost, duration, within, external).
+
+    Paper: Eqs. (9), (12)-(19).  `velocity_ij` = v_j - v_i, of which `separation` < 0 is the part along n_ij;
+    `modulus` is E*, `on_i` and `on_j` the drag (N).  Returns impulses in N s, the kinetic energy lost in J,
+    the model's duration and the part of it within the step in s, and E_in/m_i - E_jn/m_j in m/s2.
+    """
+    nx, ny, nz = normal_ij
+    vx, vy, vz = velocity_ij
+    eix, eiy, eiz = on_i
+    ejx, ejy, ejz = on_j
+    m_eff, r_eff = m_i * m_j / (m_i + m_j), 0.5 * d_i * d_j / (d_i + d_j)
+    delta_t = duration_of(model, m_eff, r_eff, modulus, -separation)
+    e_in, e_jn = eix * nx + eiy * ny + eiz * nz, ejx * nx + ejy * ny + ejz * nz
+    normal = pair_normal_impulse(
+        m_i, m_j, -separation, 0.0, model.restitution,
+        compression_impulse(e_in, delta_t, dt, model.restitution),
+        compression_impulse(e_jn, delta_t, dt, model.restitution),
+    )  # fmt: skip
+    sx, sy, sz = vx - separation * nx, vy - separation * ny, vz - separation * nz  # Eq 13
+    within = min(delta_t, dt)
+    wx = sx - ((eix - e_in * nx) / m_i - (ejx - e_jn * nx) / m_j) * within
+    wy = sy - ((eiy - e_in * ny) / m_i - (ejy - e_jn * ny) / m_j) * within
+    wz = sz - ((eiz - e_in * nz) / m_i - (ejz - e_jn * nz) / m_j) * within
+    slip = math.sqrt(wx * wx + wy * wy + wz * wz)
+    factor = friction_impulse_per_slip(m_i, m_j, slip, normal, model.static_friction, model.dynamic_friction)
+    fx, fy, fz = factor * wx, factor * wy, factor * wz
+    jx, jy, jz = fx - normal * nx, fy - normal * ny, fz - normal * nz  # Eq 19
+    friction = factor * slip
+    lost = (fx * sx + fy * sy + fz * sz) - normal * separation
+    lost -= (normal * normal + friction * friction) / (2.0 * m_eff)
+    return jx, jy, jz, normal, friction, lost, delta_t, within, e_in / m_i - e_jn / m_j
+
+
+@kernel
+def record_pair_contact(
+    time, i, j, touch, normal_ij, approach_speed, normal, friction, lost, duration, within, external, out
+):
+    """Fill ledger row `out` with the contact of particles i and j; see `pair_impulse`."""
+    out[:] = 0.0
+    out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAIR, i, j
+    out[col.X], out[col.Y], out[col.Z] = touch
+    out[col.NX], out[col.NY], out[col.NZ] = normal_ij
+    out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach_speed, normal
+    out[col.FRICTION_IMPULSE], out[col.ENERGY_LOST] = friction, lost
+    out[col.DURATION], out[col.LOAD], out[col.CONTACT_TIME] = duration, normal / duration, within
+    out[col.EXTERNAL_FORCE] = external
+
+
 @kernel
 def collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row):
     """Add the impulses of all colliding pairs to `work`; return the next free ledger row.
@@ -120,28 +170,13 @@ def collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row):
         separation = vx * nx + vy * ny + vz * nz
         if separation >= 0.0:
             continue
+        on_i = drag_on_particle(model, pad_height, p, i)
+        on_j = drag_on_particle(model, pad_height, p, j)
         m_i, m_j = p.mass[i], p.mass[j]
-        m_eff, r_eff = m_i * m_j / (m_i + m_j), 0.5 * d_i * d_j / (d_i + d_j)
-        delta_t = duration_of(model, m_eff, r_eff, effective_modulus(p.modulus[i], p.modulus[j]), -separation)
-        eix, eiy, eiz = drag_on_particle(model, pad_height, p, i)
-        ejx, ejy, ejz = drag_on_particle(model, pad_height, p, j)
-        e_in, e_jn = eix * nx + eiy * ny + eiz * nz, ejx * nx + ejy * ny + ejz * nz
-        normal = pair_normal_impulse(
-            m_i, m_j, -separation, 0.0, model.restitution,
-            compression_impulse(e_in, delta_t, dt, model.restitution),
-            compression_impulse(e_jn, delta_t, dt, model.restitution),
+        jx, jy, jz, normal, friction, lost, delta_t, within, external = pair_impulse(
+            model, dt, m_i, m_j, d_i, d_j, effective_modulus(p.modulus[i], p.modulus[j]),
+            (nx, ny, nz), (vx, vy, vz), separation, on_i, on_j,
         )  # fmt: skip
-        sx, sy, sz = vx - separation * nx, vy - separation * ny, vz - separation * nz  # Eq 13
-        within = min(delta_t, dt)
-        wx = sx - ((eix - e_in * nx) / m_i - (ejx - e_jn * nx) / m_j) * within
-        wy = sy - ((eiy - e_in * ny) / m_i - (ejy - e_jn * ny) / m_j) * within
-        wz = sz - ((eiz - e_in * nz) / m_i - (ejz - e_jn * nz) / m_j) * within
-        slip = math.sqrt(wx * wx + wy * wy + wz * wz)
-        factor = friction_impulse_per_slip(
-            m_i, m_j, slip, normal, model.static_friction, model.dynamic_friction
-        )
-        fx, fy, fz = factor * wx, factor * wy, factor * wz
-        jx, jy, jz = fx - normal * nx, fy - normal * ny, fz - normal * nz  # Eq 19
         product_i = impulse[i, 0] * jx + impulse[i, 1] * jy + impulse[i, 2] * jz
         product_j = -(impulse[j, 0] * jx + impulse[j, 1] * jy + impulse[j, 2] * jz)
         simultaneous[i] += simultaneous_loss(m_i, 0.0, product_i, 0.0)
@@ -149,23 +184,15 @@ def collide_pairs(model, dt, time, pad_height, pairs, p, work, rows, row):
         size = abs(jx) + abs(jy) + abs(jz)
         blows[i] += size
         blows[j] += size
-        for axis, on_i in enumerate((jx, jy, jz)):
-            impulse[i, axis] += on_i
-            impulse[j, axis] -= on_i
-        friction = factor * slip
-        lost = (fx * sx + fy * sy + fz * sz) - normal * separation
-        lost -= (normal * normal + friction * friction) / (2.0 * m_eff)
-        out = rows[row]
-        out[:] = 0.0
-        out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAIR, i, j
-        out[col.X] = p.position[i, 0] + 0.5 * d_i * nx
-        out[col.Y] = p.position[i, 1] + 0.5 * d_i * ny
-        out[col.Z] = p.position[i, 2] + 0.5 * d_i * nz
-        out[col.NX], out[col.NY], out[col.NZ] = nx, ny, nz
-        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = -separation, normal
-        out[col.FRICTION_IMPULSE], out[col.ENERGY_LOST] = friction, lost
-        out[col.DURATION], out[col.LOAD], out[col.CONTACT_TIME] = delta_t, normal / delta_t, within
-        out[col.EXTERNAL_FORCE] = e_in / m_i - e_jn / m_j
+        for axis, given in enumerate((jx, jy, jz)):
+            impulse[i, axis] += given
+            impulse[j, axis] -= given
+        x, reach_i = p.position[i], 0.5 * d_i
+        touch = (x[0] + reach_i * nx, x[1] + reach_i * ny, x[2] + reach_i * nz)
+        record_pair_contact(
+            time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, delta_t, within, external,
+            rows[row],
+        )  # fmt: skip
         row += 1
     return row
 
@@ -212,6 +239,29 @@ def touched_before(heights, spacing, position, velocity, dt, radius):
     return surface_contact(heights, spacing, x, y, z, radius)[0]
 
 
+@inlined
+def strike_surface(
+    model, dt, time, pad_height, i, hit, position, velocity, mass, diameter, modulus, heights, out
+):
+    """Fill ledger row `out` with an impact on the surface and its impulse.
+
+    Paper: Eqs. (29)-(31), (34)-(36).  `hit` is (nx, ny, nz, qx, qy, qz).
+    """
+    record_surface_impact(
+        model, pad_height, time, i, hit, position, velocity, mass, diameter, modulus, out
+    )  # fmt: skip
+    radius, v_n = 0.5 * diameter, -out[col.APPROACH_SPEED]
+    removes = out[col.REMOVED_VOLUME] > 0.0
+    if removes and model.new_contacts_only:
+        if touched_before(heights, model.spacing, position, velocity, dt, radius):
+            out[col.YIELD_RADIUS : col.REMOVED_MASS + 1] = 0.0
+    ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
+    normal = surface_normal_impulse(mass, v_n, model.restitution, ext)
+    picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
+    out[col.NORMAL_IMPULSE], out[col.CONTACT_TIME] = normal, min(out[col.DURATION], dt)
+    out[col.ENERGY_LOST] = impact_energy_lost(mass, picked_up, velocity, v_n, normal)
+
+
 @kernel
 def collide_surface(model, dt, time, pad_height, p, heights, clearance, rows, row):
     """Fill a ledger row for each impact on the surface; return the next free one.
@@ -232,22 +282,12 @@ def collide_surface(model, dt, time, pad_height, p, heights, clearance, rows, ro
             clearance[i] = -overlap if found else SEARCH_MARGIN * radius
             continue
         v = p.velocity[i]
-        v_n = v[0] * nx + v[1] * ny + v[2] * nz
-        if v_n >= 0.0:
+        if v[0] * nx + v[1] * ny + v[2] * nz >= 0.0:
             continue
-        out = rows[row]
-        record_surface_impact(
-            model, pad_height, time, i, (nx, ny, nz, qx, qy, qz), x, v, p.mass[i], p.diameter[i],
-            p.modulus[i], out,
+        strike_surface(
+            model, dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), x, v, p.mass[i], p.diameter[i],
+            p.modulus[i], heights, rows[row],
         )  # fmt: skip
-        removes = out[col.REMOVED_VOLUME] > 0.0
-        if removes and model.new_contacts_only and touched_before(heights, model.spacing, x, v, dt, radius):
-            out[col.YIELD_RADIUS : col.REMOVED_MASS + 1] = 0.0
-        ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
-        normal = surface_normal_impulse(p.mass[i], v_n, model.restitution, ext)
-        picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0
-        out[col.NORMAL_IMPULSE], out[col.CONTACT_TIME] = normal, min(out[col.DURATION], dt)
-        out[col.ENERGY_LOST] = impact_energy_lost(p.mass[i], picked_up, v, v_n, normal)
         row += 1
     return row
 

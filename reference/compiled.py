@@ -51,5 +51,7 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 formula = register_jitable(error_model="numpy")
 kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
+# part of a loop, written out in each kernel that uses it: a call would copy the model's constants each time
+inlined = numba.njit(error_model="numpy", nogil=True, inline="always")
 # without the JIT a formula is plain Python, which numba.vectorize cannot compile
 broadcast = np.vectorize if numba.config.DISABLE_JIT else numba.vectorize(cache=True)

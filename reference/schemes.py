@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from reference.collisions import collide_pad, collide_pairs, collide_surface, deliver
-from reference.compiled import formula, kernel
+from reference.compiled import formula, inlined, kernel
 from reference.drag import drag_factor, fluid_velocity
 from reference.state import FLOW_NONE, Particles
 
@@ -58,36 +58,46 @@ def collide(model, dt, time, pad_height, pairs, p, heights, work, rows, row):
     return row
 
 
-@kernel
-def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
-    """Velocities and the drag's impulses into `work`; return the first particle not solved, or -1.
+@inlined
+def solve_particle(model, tolerance, dt, pad_height, z, vx, vy, vz, mass, gained, jx, jy, jz, diameter):
+    """One particle's step: its velocity, the impulse of the drag on it, and whether the iteration converged.
 
     Paper: Eqs. (37)-(39) in momentum form, (m+dm) v' = m v + J + dt k (u - v'), solved for v' with k and u
     iterated.  Written as an increment: a particle that moves with the fluid keeps its velocity to the bit.
     The impulse dt k (u - v') is that of the last k and u, with v' eliminated, so that it does not cancel.
     """
+    wx, wy, wz = vx, vy, vz
+    k, ux, uy, uz, inertia, solved = 0.0, 0.0, 0.0, 0.0, mass, False
+    for _ in range(MOST_DRAG_ITERATIONS):
+        k, ux, uy, uz = drag_of(model, pad_height, z + dt * wz, wx, wy, wz, diameter)
+        inertia = (mass + gained) + dt * k
+        ax = vx + (jx + dt * k * (ux - vx) - gained * vx) / inertia
+        ay = vy + (jy + dt * k * (uy - vy) - gained * vy) / inertia
+        az = vz + (jz + dt * k * (uz - vz) - gained * vz) / inertia
+        change = abs(ax - wx) + abs(ay - wy) + abs(az - wz)
+        wx, wy, wz = ax, ay, az
+        if not change > tolerance * (abs(ax) + abs(ay) + abs(az)) or model.flow == FLOW_NONE:
+            solved = True
+            break
+    part = dt * k / inertia
+    dx = part * ((mass + gained) * (ux - vx) + gained * vx - jx)
+    dy = part * ((mass + gained) * (uy - vy) + gained * vy - jy)
+    dz = part * ((mass + gained) * (uz - vz) + gained * vz - jz)
+    return wx, wy, wz, dx, dy, dz, solved
+
+
+@kernel
+def solve_point_implicit(model, tolerance, dt, pad_height, p, work):
+    """Velocities and the drag's impulses into `work`; return the first particle not solved, or -1."""
     for i in range(p.position.shape[0]):
         vx, vy, vz = p.velocity[i]
-        wx, wy, wz = vx, vy, vz
-        gained, impulse = work.gained[i], work.impulse[i]
-        solved = False
-        for _ in range(MOST_DRAG_ITERATIONS):
-            k, ux, uy, uz = drag_of(model, pad_height, p.position[i, 2] + dt * wz, wx, wy, wz, p.diameter[i])
-            mass = p.mass[i] + gained
-            inertia = mass + dt * k
-            ax = vx + (impulse[0] + dt * k * (ux - vx) - gained * vx) / inertia
-            ay = vy + (impulse[1] + dt * k * (uy - vy) - gained * vy) / inertia
-            az = vz + (impulse[2] + dt * k * (uz - vz) - gained * vz) / inertia
-            change = abs(ax - wx) + abs(ay - wy) + abs(az - wz)
-            wx, wy, wz = ax, ay, az
-            if not change > tolerance * (abs(ax) + abs(ay) + abs(az)) or model.flow == FLOW_NONE:
-                solved = True
-                break
+        jx, jy, jz = work.impulse[i]
+        wx, wy, wz, dx, dy, dz, solved = solve_particle(
+            model, tolerance, dt, pad_height, p.position[i, 2], vx, vy, vz, p.mass[i], work.gained[i],
+            jx, jy, jz, p.diameter[i],
+        )  # fmt: skip
         work.velocity[i, 0], work.velocity[i, 1], work.velocity[i, 2] = wx, wy, wz
-        part = dt * k / inertia
-        work.drag[i, 0] = part * (mass * (ux - vx) + gained * vx - impulse[0])
-        work.drag[i, 1] = part * (mass * (uy - vy) + gained * vy - impulse[1])
-        work.drag[i, 2] = part * (mass * (uz - vz) + gained * vz - impulse[2])
+        work.drag[i, 0], work.drag[i, 1], work.drag[i, 2] = dx, dy, dz
         if not solved:
             return i
     return -1

@@ -1,0 +1,84 @@
+"""Pairs that may touch, in two lists: those within a wide skin, and of these the ones that are nearly touching.
+
+The wide list holds as long as no particle has left its place, relative to the mean of all, by half of the
+skin that the narrow list leaves; the narrow one as long as boxes of velocities (`watch.py`) keep any two from
+coming nearer by its skin.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from reference.compiled import inlined, kernel
+from reference.fast.watch import XH, XL, YH, YL, ZH, ZL
+from reference.neighbors import minimum_image, neighbor_pairs
+
+WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
+
+
+class Origin(NamedTuple):
+    """Where particles were when the wide list was made."""
+
+    x: np.ndarray  # (N,), m
+    y: np.ndarray
+    z: np.ndarray
+
+
+@kernel
+def list_wide(s, largest, periods, origin):
+    """All pairs (P, 2) closer than the largest diameter and the wide skin; positions go to `origin`."""
+    n = origin.x.shape[0]
+    position = np.empty((n, 3))
+    for i in range(n):
+        position[i, 0], position[i, 1], position[i, 2] = s.x[i], s.y[i], s.z[i]
+        origin.x[i], origin.y[i], origin.z[i] = position[i]
+    return neighbor_pairs(position, (1.0 + WIDE) * largest, periods)
+
+
+@kernel
+def farthest(s, origin, periods):
+    """The longest way of a particle from its origin, relative to the mean of all, m."""
+    n = origin.x.shape[0]
+    mx, my, mz = 0.0, 0.0, 0.0
+    for i in range(n):
+        mx += minimum_image(s.x[i] - origin.x[i], periods[0])
+        my += minimum_image(s.y[i] - origin.y[i], periods[1])
+        mz += minimum_image(s.z[i] - origin.z[i], periods[2])
+    mx, my, mz = mx / n, my / n, mz / n
+    most = 0.0
+    for i in range(n):
+        dx = minimum_image(s.x[i] - origin.x[i], periods[0]) - mx
+        dy = minimum_image(s.y[i] - origin.y[i], periods[1]) - my
+        dz = minimum_image(s.z[i] - origin.z[i], periods[2]) - mz
+        square = dx * dx + dy * dy + dz * dz
+        if not square <= most:
+            most = square
+    return math.sqrt(most)
+
+
+@kernel
+def list_narrow(s, wide, skin, periods, narrow):
+    """Write those of the wide pairs that are closer than touching and `skin` to `narrow`; return how many."""
+    found = 0
+    for pair in range(wide.shape[0]):
+        i, j = wide[pair, 0], wide[pair, 1]
+        dx = minimum_image(s.x[j] - s.x[i], periods[0])
+        dy = minimum_image(s.y[j] - s.y[i], periods[1])
+        dz = minimum_image(s.z[j] - s.z[i], periods[2])
+        reach = s.radius[i] + s.radius[j] + skin
+        if dx * dx + dy * dy + dz * dz < reach * reach:
+            narrow[found, 0], narrow[found, 1] = i, j
+            found += 1
+    return found
+
+
+@inlined
+def fastest_of_box(box, mean_x, mean_y):
+    """The highest speed in a box of velocities, relative to a mean, m/s."""
+    a = max(box[XH] - mean_x, mean_x - box[XL])
+    b = max(box[YH] - mean_y, mean_y - box[YL])
+    c = max(box[ZH], -box[ZL])
+    return math.sqrt(a * a + b * b + c * c)

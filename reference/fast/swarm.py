@@ -1,0 +1,74 @@
+"""The particles as one array per component, and the constants that a step needs of each; no physics.
+
+Arrays are longer than the number of particles, by as many that rest in nothing as fill the last vector
+register: loops over whole registers have no remainder.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from reference.compiled import kernel
+from reference.state import FLOW_NONE
+
+LANES = 16  # a multiple of the doubles in a vector register
+
+
+class Swarm(NamedTuple):
+    """Arrays (M,), M >= N, SI."""
+
+    x: np.ndarray  # position, m
+    y: np.ndarray
+    z: np.ndarray
+    vx: np.ndarray  # velocity, m/s
+    vy: np.ndarray
+    vz: np.ndarray
+    mass: np.ndarray  # kg
+    radius: np.ndarray  # m
+    modulus: np.ndarray  # E/(1-nu^2), Pa
+    drag: np.ndarray  # k = 3 pi mu d of Stokes's drag, kg/s
+    yielding: np.ndarray  # dt k/(m + dt k): the part of u - v that a step takes
+    under_pad: np.ndarray  # the radius, or minus infinity where the pad has been dealt with already, m
+    jx: np.ndarray  # impulse of the step's contacts with particles and surface, N s
+    jy: np.ndarray
+    jz: np.ndarray
+
+
+@kernel
+def swarm_of(model, dt, p):
+    """The Particles `p` as a swarm that is moved in steps of `dt`."""
+    n = p.mass.shape[0]
+    padded = LANES * ((n + LANES - 1) // LANES)
+    a = np.zeros((15, padded))
+    s = Swarm(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13], a[14]
+    )  # fmt: skip
+    for i in range(n):
+        s.x[i], s.y[i], s.z[i] = p.position[i]
+        s.vx[i], s.vy[i], s.vz[i] = p.velocity[i]
+        s.mass[i], s.radius[i], s.modulus[i] = p.mass[i], 0.5 * p.diameter[i], p.modulus[i]
+        if model.flow != FLOW_NONE:
+            s.drag[i] = 3.0 * math.pi * model.viscosity * p.diameter[i]
+        s.under_pad[i] = s.radius[i]
+        adapt(s, dt, i)
+    for i in range(n, padded):  # without drag, and never under the pad
+        s.mass[i], s.under_pad[i] = 1.0, -math.inf
+    return s
+
+
+@kernel
+def adapt(s, dt, i):
+    """Adapt what depends on the mass of particle i."""
+    s.yielding[i] = dt * s.drag[i] / (s.mass[i] + dt * s.drag[i])
+
+
+@kernel
+def bring_back(s, p):
+    """Write positions, velocities and masses of the swarm back to the Particles `p`."""
+    for i in range(p.mass.shape[0]):
+        p.position[i, 0], p.position[i, 1], p.position[i, 2] = s.x[i], s.y[i], s.z[i]
+        p.velocity[i, 0], p.velocity[i, 1], p.velocity[i, 2] = s.vx[i], s.vy[i], s.vz[i]
+        p.mass[i] = s.mass[i]
