@@ -24,7 +24,8 @@ KEPT = 8  # caches of the latest versions of the sources
 
 def _source_digest() -> str:
     """Digest of every module whose functions may be compiled into a cached kernel."""
-    packages = [Path(__file__).parent, Path(__file__).parent.parent / "cmpcheck" / "fixes"]
+    here = Path(__file__).parent
+    packages = [here, here / "fast", here.parent / "cmpcheck" / "fixes"]
     digest = hashlib.sha256()
     for path in sorted(path for package in packages for path in package.glob("*.py")):
         digest.update(path.name.encode() + path.read_bytes())

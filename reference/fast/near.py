@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import inlined, kernel
-from reference.fast.watch import XH, XL, YH, YL, ZH, ZL
 from reference.neighbors import minimum_image, neighbor_pairs
 
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
@@ -76,9 +75,16 @@ def list_narrow(s, wide, skin, periods, narrow):
 
 
 @inlined
-def fastest_of_box(box, mean_x, mean_y):
+def fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y):
     """The highest speed in a box of velocities, relative to a mean, m/s."""
-    a = max(box[XH] - mean_x, mean_x - box[XL])
-    b = max(box[YH] - mean_y, mean_y - box[YL])
-    c = max(box[ZH], -box[ZL])
+    a, b, c = max(x_high - mean_x, mean_x - x_low), max(y_high - mean_y, mean_y - y_low), max(z_high, -z_low)
     return math.sqrt(a * a + b * b + c * c)
+
+
+@kernel
+def mean(values, n):
+    """Mean of the first n values."""
+    total = 0.0
+    for i in range(n):
+        total += values[i]
+    return total / n

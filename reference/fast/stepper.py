@@ -21,7 +21,7 @@ from reference.collisions import (
 )
 from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus, surface_normal_impulse
-from reference.fast.near import NARROW, WIDE, Origin, farthest, fastest_of_box, list_narrow, list_wide
+from reference.fast.near import NARROW, WIDE, Origin, farthest, fastest, list_narrow, list_wide, mean
 from reference.fast.swarm import adapt, bring_back, swarm_of
 from reference.fast.sweep import (
     fast_on_pad,
@@ -31,7 +31,7 @@ from reference.fast.sweep import (
     glide_upright,
     wrap_upright,
 )
-from reference.fast.watch import HORIZON, MARGIN, insert, look, new_box, remove, watch_all, within
+from reference.fast.watch import MARGIN, HORIZON, insert, look, remove, ring_of, velocity_box
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
@@ -51,16 +51,13 @@ def nearest_image(distance, period, half):
 
 
 @inlined
-def drag_on_watched(model, w, s, shear, pad_height, i):
-    """External force E on particle i, as `collisions.drag_on` has it, three components in N."""
-    if w.stiff[i]:
-        return drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
+def drag_of_one(model, nonlinear, shear, pad_height, k, radius, z, vx, vy, vz):
+    """External force E on a particle, as `collisions.drag_on` has it, three components in N."""
+    if nonlinear:
+        return drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
     if model.flow == FLOW_COUETTE:
-        ux, uy, uz = shear * s.z[i], 0.0, 0.0
-    else:
-        ux, uy, uz = model.flow_x, model.flow_y, model.flow_z
-    k = s.drag[i]
-    return k * (ux - s.vx[i]), k * (uy - s.vy[i]), k * (uz - s.vz[i])
+        return k * (shear * z - vx), -k * vy, -k * vz
+    return k * (model.flow_x - vx), k * (model.flow_y - vy), k * (model.flow_z - vz)
 
 
 @kernel
@@ -84,13 +81,42 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, rows, row):
 
 
 @kernel
+def strike(model, dt, time, pad_height, heights, s, i, hit, rows, row):
+    """Fill ledger row `row` with the impact of particle i on the surface."""
+    position, velocity = np.empty(3), np.empty(3)
+    position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
+    velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
+    strike_surface(
+        model, dt, time, pad_height, i, hit, position, velocity, s.mass[i], 2.0 * s.radius[i], s.modulus[i],
+        heights, rows[row],
+    )  # fmt: skip
+
+
+@kernel
+def book_removals(progress, rows, first, last):
+    """Add the removals of ledger rows first ... last - 1 to the sums of the run."""
+    for k in range(first, last):
+        if rows[k, col.REMOVED_VOLUME] > 0.0:
+            progress[P.removals] += 1
+            progress[P.removed_volume] += rows[k, col.REMOVED_VOLUME]
+            progress[P.removed_mass] += rows[k, col.REMOVED_MASS]
+            progress[P.depth_sum] += rows[k, col.DEPTH]
+
+
+@kernel
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """Advance as `timestep.advance` does, with the scheme `point_implicit`; the same arguments and status."""
     n = p.position.shape[0]
     t_start = progress[P.time]
     dt = (t_end - t_start) / max(steps_left, 1)
     s = swarm_of(model, dt, p)
-    w = watch_all(n)
+    x, y, z, vx, vy, vz, mass, radius = s.x, s.y, s.z, s.vx, s.vy, s.vz, s.mass, s.radius
+    modulus, drag, yielding, under_pad, jx, jy, jz = (
+        s.modulus, s.drag, s.yielding, s.under_pad, s.jx, s.jy, s.jz
+    )  # fmt: skip
+    due, after, before, first = ring_of(n)
+    box = np.zeros((n, 6))
+    nonlinear = np.zeros(n, np.bool_)
     periods = np.array([model.length_x, model.length_y, model.length_z])
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
     half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
@@ -98,248 +124,243 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     largest = p.diameter.max() if n > 0 else 0.0
     highest = heights.max() if model.has_surface else 0.0
     origin = Origin(np.empty(n), np.empty(n), np.empty(n))
-    wide = np.empty((0, 2), np.int64)
-    narrow = np.empty((0, 2), np.int64)
-    narrow_skin, left = NARROW * largest, -1.0  # how far pairs may still come nearer
-    room, spent = WIDE * largest - narrow_skin, math.inf  # how far pairs may come nearer, and have
-    listed, near, fastest, mean_x, mean_y = False, 0, 0.0, 0.0, 0.0
+    wide, narrow, near = np.empty((0, 2), np.int64), np.empty((0, 2), np.int64), 0
+    skin = NARROW * largest
+    room, spent, left = WIDE * largest - skin, math.inf, -1.0  # how far pairs may come nearer, and have
+    speed, mean_x, mean_y = 0.0, 0.0, 0.0
     pairs = model.has_pairs and n > 1
     touched, touch_step = np.empty(n, np.int64), np.full(n, -1)
-    stiff, n_stiff = np.empty(n, np.int64), 0
-    place = np.full(n, -1)  # in `stiff`
-    special, gained = np.empty(n, np.int64), np.zeros(n)
-    kept = np.empty((n, 6))
-    velocity, position = np.empty(3), np.empty(3)
+    special, special_step, gained, kept = np.empty(n, np.int64), np.full(n, -1), np.zeros(n), np.empty((n, 6))
+    some_nonlinear = 0
     margin = MARGIN * max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
     couette = model.flow == FLOW_COUETTE
     flow_x, flow_y, flow_z = (0.0, 0.0, 0.0) if couette else (model.flow_x, model.flow_y, model.flow_z)
+    slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
     pad_height = progress[P.pad_height]
-    status = DONE
-    step = 0
-    while step < steps_left:
-        used = int(progress[P.rows])
-        row = used
-        time = progress[P.time]
-        descent = 0.0
+    status, step, row = DONE, 0, int(progress[P.rows])
+    ratio, contacts = progress[P.largest_ratio], 0
+    while step < steps_left and status == DONE:
+        time = progress[P.time] if step == 0 else t_start + step * dt
+        descent, shear = 0.0, 0.0
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
-        shear = 0.0
         if couette:
             shear = model.wall_speed / (pad_height if model.has_pad else model.gap)
-        if used + near + 2 * n > rows.shape[0]:
-            status = LEDGER_FULL
-            break
-        n_touched, n_special = 0, 0
-        contacts = 0.0
-
-        # who may touch the surface, and new boxes of velocities
-        i = w.first[step % HORIZON]
-        while i >= 0:
-            following = w.after[i]
-            remove(w, i)
-            box = w.box[i]
-            tight = new_box(model, dt, pad_height, margin, s, i, box)
-            if tight != w.stiff[i]:
-                w.stiff[i] = tight
-                if tight:
-                    stiff[n_stiff], place[i] = i, n_stiff
-                    n_stiff += 1
-                else:
-                    n_stiff -= 1
-                    stiff[place[i]] = stiff[n_stiff]
-                    place[stiff[n_stiff]] = place[i]
-            fastest = max(fastest, fastest_of_box(box, mean_x, mean_y))
-            steps = AHEAD
-            if model.has_surface:
-                touching, nx, ny, nz, qx, qy, qz, steps = look(
-                    heights, model.spacing, dt, s.x[i], s.y[i], s.z[i], s.radius[i], box, AHEAD
-                )
-                if touching and s.vx[i] * nx + s.vy[i] * ny + s.vz[i] * nz < 0.0:
-                    velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
-                    position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
-                    out = rows[row]
-                    strike_surface(
-                        model, dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), position, velocity,
-                        s.mass[i], 2.0 * s.radius[i], s.modulus[i], heights, out,
-                    )  # fmt: skip
-                    contacts += 1.0
-                    normal = out[col.NORMAL_IMPULSE]
-                    s.jx[i] += normal * nx
-                    s.jy[i] += normal * ny
-                    s.jz[i] += normal * nz
-                    touch_step[i] = step
-                    touched[n_touched] = i
-                    n_touched += 1
-                    if model.mass_pickup and out[col.REMOVED_MASS] > 0.0:
-                        gained[i] = out[col.REMOVED_MASS]
-                        special[n_special] = i
-                        n_special += 1
-                    if -out[col.APPROACH_SPEED] < -SLOWEST:
-                        progress[P.largest_ratio] = max(progress[P.largest_ratio], out[col.DURATION] / dt)
-                    if out[col.REMOVED_VOLUME] > 0.0:
-                        row += 1
-                    elif out[col.APPROACH_SPEED] >= numerics.ledger_speed:
-                        row += 1
-            insert(w, i, step + 1 + steps)
-            i = following
-        struck = row
-
-        # who touches whom
-        if pairs:
-            left -= 2.0 * dt * fastest
-            if left < 0.0:
-                mean_x, mean_y = s.vx[:n].sum() / n, s.vy[:n].sum() / n
-                spent += narrow_skin - left
-                if spent > room and listed:
+        left -= 2.0 * dt * speed
+        if pairs and not left >= 0.0:
+            mean_x, mean_y = mean(vx, n), mean(vy, n)
+            spent += skin - left
+            if spent > room:
+                if spent < math.inf:
                     spent = 2.0 * farthest(s, origin, periods)
                 if not spent <= room:
                     spent = 0.0
                     wide = list_wide(s, largest, periods, origin)
                     narrow = np.empty((wide.shape[0], 2), np.int64)
-                    listed = True
-                near = list_narrow(s, wide, narrow_skin, periods, narrow)
-                fastest = 0.0
-                for k in range(n):
-                    fastest = max(fastest, fastest_of_box(w.box[k], mean_x, mean_y))
-                left = narrow_skin
-                if used + near + 2 * n > rows.shape[0]:
-                    status = LEDGER_FULL
-            for pair in range(near):
-                i, j = narrow[pair, 0], narrow[pair, 1]
-                dx = nearest_image(s.x[j] - s.x[i], model.length_x, half_x)
-                dy = nearest_image(s.y[j] - s.y[i], model.length_y, half_y)
-                dz = nearest_image(s.z[j] - s.z[i], model.length_z, half_z)
-                square = dx * dx + dy * dy + dz * dz
-                reach = s.radius[i] + s.radius[j]
-                if square >= reach * reach or square == 0.0:
-                    continue
-                distance = math.sqrt(square)
-                nx, ny, nz = dx / distance, dy / distance, dz / distance
-                vx, vy, vz = s.vx[j] - s.vx[i], s.vy[j] - s.vy[i], s.vz[j] - s.vz[i]
-                separation = vx * nx + vy * ny + vz * nz
-                if separation >= 0.0:
-                    continue
-                on_i = drag_on_watched(model, w, s, shear, pad_height, i)
-                on_j = drag_on_watched(model, w, s, shear, pad_height, j)
-                jx, jy, jz, normal, friction, lost, duration, inside, external = pair_impulse(
-                    model, dt, s.mass[i], s.mass[j], 2.0 * s.radius[i], 2.0 * s.radius[j],
-                    effective_modulus(s.modulus[i], s.modulus[j]), (nx, ny, nz), (vx, vy, vz), separation,
-                    on_i, on_j,
+            near = list_narrow(s, wide, skin, periods, narrow)
+            left, speed = skin, 0.0
+            if step > 0:
+                for i in range(n):
+                    one = fastest(
+                        box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
+                    )
+                    speed = max(speed, one)
+        if row + near + 2 * n > rows.shape[0]:
+            status = LEDGER_FULL
+            break
+        n_touched, n_special, begin = 0, 0, row
+
+        # bounds for those whose time is up, and their contacts with the surface
+        i = first[step % HORIZON]
+        first[step % HORIZON] = -1
+        while i >= 0:
+            following = after[i]
+            x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
+                model, dt, pad_height, margin, drag[i], z[i], vx[i], vy[i], vz[i]
+            )
+            box[i, 0], box[i, 1], box[i, 2] = x_low, x_high, y_low
+            box[i, 3], box[i, 4], box[i, 5] = y_high, z_low, z_high
+            one = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
+            speed = max(speed, one)
+            above = 4.0 * radius[i] * radius[i] * slip > slip_limit
+            if above != nonlinear[i]:
+                nonlinear[i] = above
+                some_nonlinear += 1 if above else -1
+            steps = AHEAD
+            if model.has_surface:
+                touching, nx, ny, nz, qx, qy, qz, steps = look(
+                    heights, model.spacing, dt, x[i], y[i], z[i], radius[i],
+                    x_low, x_high, y_low, y_high, z_low, z_high, AHEAD,
                 )  # fmt: skip
-                contacts += 1.0
-                s.jx[i] += jx
-                s.jy[i] += jy
-                s.jz[i] += jz
-                s.jx[j] -= jx
-                s.jy[j] -= jy
-                s.jz[j] -= jz
-                for k in (i, j):
-                    if touch_step[k] != step:
-                        touch_step[k] = step
-                        touched[n_touched] = k
-                        n_touched += 1
-                if -separation > SLOWEST:
-                    progress[P.largest_ratio] = max(progress[P.largest_ratio], duration / dt)
-                if -separation >= numerics.ledger_speed:
-                    touch = (s.x[i] + s.radius[i] * nx, s.y[i] + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
-                    record_pair_contact(
-                        time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration,
-                        inside, external, rows[row],
-                    )  # fmt: skip
-                    row += 1
+                if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
+                    strike(model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), rows, row)
+                    normal = rows[row, col.NORMAL_IMPULSE]
+                    jx[i] += normal * nx
+                    jy[i] += normal * ny
+                    jz[i] += normal * nz
+                    contacts += 1
+                    touch_step[i] = step
+                    touched[n_touched] = i
+                    n_touched += 1
+                    if rows[row, col.APPROACH_SPEED] > SLOWEST:
+                        ratio = max(ratio, rows[row, col.DURATION] / dt)
+                    removes = rows[row, col.REMOVED_VOLUME] > 0.0
+                    if removes and model.mass_pickup:
+                        gained[i] = rows[row, col.REMOVED_MASS]
+                        special[n_special] = i
+                        special_step[i] = step
+                        n_special += 1
+                    if removes or rows[row, col.APPROACH_SPEED] >= numerics.ledger_speed:
+                        row += 1
+            insert(due, after, before, first, i, step + 1 + steps)
+            i = following
+        struck = row
 
-        if model.has_pad and numerics.ledger_speed <= fastest + descent:
-            if fast_on_pad(s.z, s.vz, s.radius, pad_height, descent, numerics.ledger_speed) > 0.0:
+        # contacts of pairs
+        for pair in range(near):
+            i, j = narrow[pair, 0], narrow[pair, 1]
+            dx = nearest_image(x[j] - x[i], model.length_x, half_x)
+            dy = nearest_image(y[j] - y[i], model.length_y, half_y)
+            dz = nearest_image(z[j] - z[i], model.length_z, half_z)
+            square = dx * dx + dy * dy + dz * dz
+            reach = radius[i] + radius[j]
+            if square >= reach * reach or square == 0.0:
+                continue
+            distance = math.sqrt(square)
+            nx, ny, nz = dx / distance, dy / distance, dz / distance
+            wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
+            separation = wx * nx + wy * ny + wz * nz
+            if separation >= 0.0:
+                continue
+            on_i = drag_of_one(
+                model, nonlinear[i], shear, pad_height, drag[i], radius[i], z[i], vx[i], vy[i], vz[i]
+            )
+            on_j = drag_of_one(
+                model, nonlinear[j], shear, pad_height, drag[j], radius[j], z[j], vx[j], vy[j], vz[j]
+            )
+            gx, gy, gz, normal, friction, lost, duration, inside, external = pair_impulse(
+                model, dt, mass[i], mass[j], 2.0 * radius[i], 2.0 * radius[j],
+                effective_modulus(modulus[i], modulus[j]), (nx, ny, nz), (wx, wy, wz), separation, on_i, on_j,
+            )  # fmt: skip
+            contacts += 1
+            jx[i] += gx
+            jy[i] += gy
+            jz[i] += gz
+            jx[j] -= gx
+            jy[j] -= gy
+            jz[j] -= gz
+            if touch_step[i] != step:
+                touch_step[i] = step
+                touched[n_touched] = i
+                n_touched += 1
+            if touch_step[j] != step:
+                touch_step[j] = step
+                touched[n_touched] = j
+                n_touched += 1
+            if -separation > SLOWEST:
+                ratio = max(ratio, duration / dt)
+            if -separation >= numerics.ledger_speed:
+                touch = (x[i] + radius[i] * nx, y[i] + radius[i] * ny, z[i] + radius[i] * nz)
+                record_pair_contact(
+                    time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, inside,
+                    external, rows[row],
+                )  # fmt: skip
+                row += 1
+
+        # the pad, of those in contact; their velocities before drag
+        if model.has_pad and numerics.ledger_speed <= speed + descent:
+            if fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed) > 0.0:
                 row = record_pad(model, numerics, time, pad_height, descent, n, s, rows, row)
-
-        # particles whose drag is not linear, or that gain mass, are solved by themselves
-        for k in range(n_stiff):
-            if gained[stiff[k]] == 0.0:
-                special[n_special] = stiff[k]
-                n_special += 1
+        if some_nonlinear > 0:
+            for i in range(n):
+                if nonlinear[i] and special_step[i] != step:
+                    special[n_special] = i
+                    n_special += 1
         for k in range(n_special):
             i = special[k]
-            kept[k, 0], kept[k, 1], kept[k, 2] = s.x[i], s.y[i], s.z[i]
-            kept[k, 3], kept[k, 4], kept[k, 5] = s.vx[i], s.vy[i], s.vz[i]
+            kept[k, 0], kept[k, 1], kept[k, 2] = x[i], y[i], z[i]
+            kept[k, 3], kept[k, 4], kept[k, 5] = vx[i], vy[i], vz[i]
         for k in range(n_touched):
             i = touched[k]
-            s.vx[i] += s.jx[i] / s.mass[i]
-            s.vy[i] += s.jy[i] / s.mass[i]
             if model.has_pad:
-                s.under_pad[i] = -math.inf
-                if s.z[i] + s.radius[i] > pad_height and s.vz[i] + descent > 0.0:
-                    s.jz[i] -= surface_normal_impulse(
-                        s.mass[i], -(s.vz[i] + descent), model.pad_restitution
-                    )
-                    contacts += 1.0
-            s.vz[i] += s.jz[i] / s.mass[i]
+                under_pad[i] = -math.inf
+                if z[i] + radius[i] > pad_height and vz[i] + descent > 0.0:
+                    jz[i] -= surface_normal_impulse(mass[i], -(vz[i] + descent), model.pad_restitution)
+                    contacts += 1
+            vx[i] += jx[i] / mass[i]
+            vy[i] += jy[i] / mass[i]
+            vz[i] += jz[i] / mass[i]
+
+        # drag and motion of all
         if model.has_pad:
-            contacts += glide_under_pad(
-                s.z, s.vz, s.under_pad, s.yielding, flow_z, dt, pad_height, descent, model.pad_restitution
+            contacts += int(
+                glide_under_pad(
+                    z, vz, under_pad, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
+                )
             )
         else:
-            glide_upright(s.z, s.vz, s.yielding, flow_z, dt)
+            glide_upright(z, vz, yielding, flow_z, dt)
         if couette:
-            glide_sheared(s.x, s.vx, s.z, s.yielding, shear, dt, model.length_x)
+            glide_sheared(x, vx, z, yielding, shear, dt, model.length_x)
         else:
-            glide_along(s.x, s.vx, s.yielding, flow_x, dt, model.length_x)
-        glide_along(s.y, s.vy, s.yielding, flow_y, dt, model.length_y)
+            glide_along(x, vx, yielding, flow_x, dt, model.length_x)
+        glide_along(y, vy, yielding, flow_y, dt, model.length_y)
         if model.length_z > 0.0:
-            wrap_upright(s.z, model.length_z)
+            wrap_upright(z, model.length_z)
+
+        # those whose drag is not linear, or that gain mass
         for k in range(n_special):
             i = special[k]
             pushed = 0.0
             untouched = touch_step[i] != step  # else the impulse of the pad is in jz already
-            if untouched and model.has_pad and kept[k, 2] + s.radius[i] > pad_height:
-                pushed = surface_normal_impulse(s.mass[i], -(kept[k, 5] + descent), model.pad_restitution)
-            vx, vy, vz, _, _, _, solved = solve_particle(
+            if untouched and model.has_pad and kept[k, 2] + radius[i] > pad_height:
+                pushed = surface_normal_impulse(mass[i], -(kept[k, 5] + descent), model.pad_restitution)
+            wx, wy, wz, _, _, _, solved = solve_particle(
                 model, numerics.tolerance, dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],
-                s.mass[i], gained[i], s.jx[i], s.jy[i], s.jz[i] - pushed, 2.0 * s.radius[i],
+                mass[i], gained[i], jx[i], jy[i], jz[i] - pushed, 2.0 * radius[i],
             )  # fmt: skip
             if not solved:
                 status = NOT_CONVERGED
                 progress[P.culprit] = i
             if gained[i] > 0.0:
-                s.mass[i] += gained[i]
+                mass[i] += gained[i]
                 adapt(s, dt, i)
                 gained[i] = 0.0
-            s.vx[i], s.vy[i], s.vz[i] = vx, vy, vz
-            s.x[i] = wrap(kept[k, 0] + dt * vx, model.length_x)
-            s.y[i] = wrap(kept[k, 1] + dt * vy, model.length_y)
-            s.z[i] = wrap(kept[k, 2] + dt * vz, model.length_z)
+            vx[i], vy[i], vz[i] = wx, wy, wz
+            x[i] = wrap(kept[k, 0] + dt * wx, model.length_x)
+            y[i] = wrap(kept[k, 1] + dt * wy, model.length_y)
+            z[i] = wrap(kept[k, 2] + dt * wz, model.length_z)
 
+        # whose bounds hold no longer
         for k in range(n_touched):
             i = touched[k]
-            s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-            s.under_pad[i] = s.radius[i]
-            if not within(w, i, s.vx[i], s.vy[i], s.vz[i]):
-                if w.due[i] != step + 1:
-                    remove(w, i)
-                    insert(w, i, step + 1)
-                if not math.isfinite(s.x[i] + s.y[i] + s.z[i] + s.vx[i] + s.vy[i] + s.vz[i]):
+            jx[i], jy[i], jz[i], under_pad[i] = 0.0, 0.0, 0.0, radius[i]
+            inside_x = box[i, 0] <= vx[i] and vx[i] <= box[i, 1]
+            inside_y = box[i, 2] <= vy[i] and vy[i] <= box[i, 3]
+            inside_z = box[i, 4] <= vz[i] and vz[i] <= box[i, 5]
+            if not (inside_x and inside_y and inside_z):
+                if due[i] != step + 1:
+                    remove(due, after, before, first, i)
+                    insert(due, after, before, first, i, step + 1)
+                left -= 2.0 * dt * math.sqrt((vx[i] - mean_x) ** 2 + (vy[i] - mean_y) ** 2 + vz[i] ** 2)
+                if not math.isfinite(x[i] + y[i] + z[i] + vx[i] + vy[i] + vz[i]):
                     status = NOT_FINITE
                     progress[P.culprit] = i
-                speed = math.sqrt((s.vx[i] - mean_x) ** 2 + (s.vy[i] - mean_y) ** 2 + s.vz[i] ** 2)
-                left -= 2.0 * dt * speed
-        if status == NOT_FINITE or status == NOT_CONVERGED:
+        if status != DONE:
+            row = begin
             break
-        if struck > used and model.has_surface and commit_removal(model, heights, rows, used, struck):
-            highest = heights.max()
-        for k in range(used, struck):
-            if rows[k, col.REMOVED_VOLUME] > 0.0:
-                progress[P.removals] += 1
-                progress[P.removed_volume] += rows[k, col.REMOVED_VOLUME]
-                progress[P.removed_mass] += rows[k, col.REMOVED_MASS]
-                progress[P.depth_sum] += rows[k, col.DEPTH]
-        progress[P.rows] = row
-        progress[P.contacts] += contacts
+        if struck > begin:
+            if commit_removal(model, heights, rows, begin, struck):
+                highest = heights.max()
+            book_removals(progress, rows, begin, struck)
         step += 1
-        progress[P.steps] += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:
             pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
-            progress[P.pad_height] = pad_height
-        if status == LEDGER_FULL:
-            break
+    progress[P.rows] = row
+    progress[P.steps] += step
+    progress[P.contacts] += contacts
+    progress[P.largest_ratio] = ratio
+    progress[P.pad_height] = pad_height
     bring_back(s, p)
     return status

@@ -13,7 +13,6 @@ looked at in the next step.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,96 +24,83 @@ from reference.triangle import closest_point_on_triangle
 HORIZON = 64  # steps, after which every particle is looked at
 SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off
 MARGIN = 0.02  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
-XL, XH, YL, YH, ZL, ZH = range(6)
-
-
-class Watch(NamedTuple):
-    """When each of N particles is looked at next, as one ring of linked lists; and the boxes of velocities."""
-
-    due: np.ndarray  # (N,), step
-    after: np.ndarray  # (N,), the next particle in the list of the same step, or -1
-    before: np.ndarray  # (N,)
-    first: np.ndarray  # (HORIZON,), first particle of each step of the ring, or -1
-    box: np.ndarray  # (N, 6), lowest and highest velocity along x, y, z, m/s
-    stiff: np.ndarray  # (N,), whether the Reynolds number can exceed 1
 
 
 @kernel
-def watch_all(n):
-    """All particles are looked at in step 0."""
-    w = Watch(
-        np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
-        np.zeros(n, np.bool_),
-    )  # fmt: skip
+def ring_of(n):
+    """(due, after, before, first): who is looked at when, as one linked list for each step of a ring.
+
+    `due` (N,) is a particle's step, `first` (HORIZON,) the first particle of a list, `after` and `before` (N,)
+    its neighbors there, -1 where there is none.  All particles are looked at in step 0.
+    """
+    due, after, before = np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1)
+    first = np.full(HORIZON, -1)
     for i in range(n):
-        insert(w, i, 0)
-    return w
-
-
-@kernel
-def insert(w, i, step):
-    """Have particle i looked at in `step`."""
-    slot = step % HORIZON
-    head = w.first[slot]
-    w.after[i], w.before[i] = head, -1
-    if head >= 0:
-        w.before[head] = i
-    w.first[slot] = i
-    w.due[i] = step
-
-
-@kernel
-def remove(w, i):
-    """Take particle i out of the list of its step."""
-    after, before = w.after[i], w.before[i]
-    if before >= 0:
-        w.after[before] = after
-    else:
-        w.first[w.due[i] % HORIZON] = after
-    if after >= 0:
-        w.before[after] = before
-
-
-@kernel
-def within(w, i, vx, vy, vz):
-    """Whether a velocity lies in the box of particle i; one that is not a number does not."""
-    b = w.box[i]
-    return (
-        b[XL] <= vx and vx <= b[XH] and b[YL] <= vy and vy <= b[YH] and b[ZL] <= vz and vz <= b[ZH]
-    )  # fmt: skip
+        insert(due, after, before, first, i, 0)
+    return due, after, before, first
 
 
 @inlined
-def new_box(model, dt, pad_height, margin, s, i, box):
-    """Fill the box of velocities of particle i; return whether the Reynolds number can exceed 1 within it."""
-    vx, vy, vz = s.vx[i], s.vy[i], s.vz[i]
-    ux_low, ux_high, uy, uz = model.flow_x, model.flow_x, model.flow_y, model.flow_z
-    couette = model.flow == FLOW_COUETTE
-    if s.drag[i] == 0.0:  # nothing draws v to u
-        ux_low, ux_high, uy, uz, couette = vx, vx, vy, vz, False
-    if couette:
-        uy, uz = 0.0, 0.0
-    z_high = max(vz, uz) + margin
-    z_low = min(vz, uz) - margin
+def insert(due, after, before, first, i, step):
+    """Have particle i, which is in no list, looked at in `step`."""
+    slot = step % HORIZON
+    head = first[slot]
+    after[i], before[i] = head, -1
+    if head >= 0:
+        before[head] = i
+    first[slot] = i
+    due[i] = step
+
+
+@inlined
+def remove(due, after, before, first, i):
+    """Take particle i out of its list."""
+    follower, leader = after[i], before[i]
+    if leader >= 0:
+        after[leader] = follower
+    else:
+        first[due[i] % HORIZON] = follower
+    if follower >= 0:
+        before[follower] = leader
+
+
+@inlined
+def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
+    """Lowest and highest u_x (m/s) that a particle can meet before it is looked at again, from height z (m)."""
+    if model.flow != FLOW_COUETTE:
+        return model.flow_x, model.flow_x
+    way = HORIZON * dt
+    gap, lowest = model.gap, model.gap
     if model.has_pad:
-        z_low = min(z_low, -model.pad_restitution * max(z_high, 0.0) - (1.0 + model.pad_restitution) * model.pad_descent)
-    if couette:
-        way = HORIZON * dt
-        gap, lowest = model.gap, model.gap
-        if model.has_pad:
-            gap, lowest = pad_height, max(pad_height - way * model.pad_descent, model.pad_minimum)
-        low, high = s.z[i] + way * min(z_low, 0.0), s.z[i] + way * max(z_high, 0.0)
-        a, b, c, d = low / gap, low / lowest, high / gap, high / lowest
-        ux_low, ux_high = model.wall_speed * min(a, b, c, d), model.wall_speed * max(a, b, c, d)
-        ux_low, ux_high = min(ux_low, ux_high), max(ux_low, ux_high)
-    box[XL], box[XH] = min(vx, ux_low) - margin, max(vx, ux_high) + margin
-    box[YL], box[YH] = min(vy, uy) - margin, max(vy, uy) + margin
-    box[ZL], box[ZH] = z_low, z_high
-    sx = max(box[XH] - ux_low, ux_high - box[XL])
-    sy = max(box[YH] - uy, uy - box[YL])
-    sz = max(box[ZH] - uz, uz - box[ZL])
-    reynolds = 2.0 * model.fluid_density * s.radius[i]  # times slip/viscosity
-    return reynolds * reynolds * (sx * sx + sy * sy + sz * sz) > model.viscosity * model.viscosity
+        gap, lowest = pad_height, max(pad_height - way * model.pad_descent, model.pad_minimum)
+    low, high = z + way * min(z_low, 0.0), z + way * max(z_high, 0.0)
+    a, b, c, d = low / gap, low / lowest, high / gap, high / lowest
+    u, v = model.wall_speed * min(a, b, c, d), model.wall_speed * max(a, b, c, d)
+    return min(u, v), max(u, v)
+
+
+@inlined
+def velocity_box(model, dt, pad_height, margin, drag, z, vx, vy, vz):
+    """Bounds of a particle's velocity: (x low, x high, y low, y high, z low, z high) in m/s, and of its slip^2.
+
+    They hold until it is looked at again, if only fluid and pad act on it; `drag` is 0 where no fluid does.
+    """
+    uy, uz = model.flow_y, model.flow_z
+    if model.flow == FLOW_COUETTE:
+        uy, uz = 0.0, 0.0
+    if drag == 0.0:
+        uy, uz = vy, vz
+    z_low, z_high = min(vz, uz) - margin, max(vz, uz) + margin
+    if model.has_pad:
+        e = model.pad_restitution
+        z_low = min(z_low, -e * max(z_high, 0.0) - (1.0 + e) * model.pad_descent)
+    u_low, u_high = fluid_bounds(model, dt, pad_height, z, z_low, z_high)
+    if drag == 0.0:
+        u_low, u_high = vx, vx
+    x_low, x_high = min(vx, u_low) - margin, max(vx, u_high) + margin
+    y_low, y_high = min(vy, uy) - margin, max(vy, uy) + margin
+    sx, sy, sz = max(x_high - u_low, u_high - x_low), max(y_high - uy, uy - y_low), max(z_high - uz, uz - z_low)
+    return x_low, x_high, y_low, y_high, z_low, z_high, sx * sx + sy * sy + sz * sz
 
 
 @inlined
@@ -126,7 +112,9 @@ def steps_until(distance, speed, dt, horizon):
 
 
 @inlined
-def look(z_nodes, spacing, dt, x, y, z, radius, box, horizon):
+def look(
+    z_nodes, spacing, dt, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon
+):
     """Look for the surface: (touching, nx, ny, nz, qx, qy, qz, steps in which it cannot be touched).
 
     The point that touches and its normal are those of `heightfield.surface_contact`.
@@ -135,9 +123,9 @@ def look(z_nodes, spacing, dt, x, y, z, radius, box, horizon):
     best, qx, qy, qz = radius * radius, 0.0, 0.0, 0.0
     touching, sunk, steps = False, False, horizon
     way = dt * horizon
-    right, left = way * max(box[XH], 0.0), way * max(-box[XL], 0.0)
-    up, down = way * max(box[YH], 0.0), way * max(-box[YL], 0.0)
-    sink = dt * max(-box[ZL], 0.0)
+    right, left = way * max(x_high, 0.0), way * max(-x_low, 0.0)
+    up, down = way * max(y_high, 0.0), way * max(-y_low, 0.0)
+    sink = dt * max(-z_low, 0.0)
     square = radius * radius
     for i in range(
         math.floor((x - radius - left) / spacing), math.floor((x + radius + right) / spacing) + 1
@@ -162,7 +150,7 @@ def look(z_nodes, spacing, dt, x, y, z, radius, box, horizon):
             reach = square - away_z * away_z if away_z > 0.0 else square
             if flat > reach:
                 across = math.sqrt(flat)
-                speed = max(away_x * box[XH], away_x * box[XL]) + max(away_y * box[YH], away_y * box[YL])
+                speed = max(away_x * x_high, away_x * x_low) + max(away_y * y_high, away_y * y_low)
                 steps = min(steps, steps_until(across - math.sqrt(reach), speed / across, dt, horizon))
                 continue
             if away_x == 0.0 and away_y == 0.0 and z <= highest:
@@ -182,8 +170,8 @@ def look(z_nodes, spacing, dt, x, y, z, radius, box, horizon):
                         touching, best, qx, qy, qz = True, apart, cx, cy, cz
                     continue
                 distance = math.sqrt(apart)
-                speed = max(-dx * box[XL], -dx * box[XH]) + max(-dy * box[YL], -dy * box[YH])
-                speed += max(-dz * box[ZL], -dz * box[ZH])
+                speed = max(-dx * x_low, -dx * x_high) + max(-dy * y_low, -dy * y_high)
+                speed += max(-dz * z_low, -dz * z_high)
                 steps = min(steps, steps_until(distance - radius, speed / distance, dt, horizon))
         if sunk:
             break
