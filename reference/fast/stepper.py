@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 
 from reference import ledger as col
@@ -37,6 +38,7 @@ from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
 from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLOWEST, P, wrap
 
+loop = numba.njit(cache=True, error_model='numpy', nogil=True, fastmath={'arcp','contract','nsz'})
 AHEAD = 32  # steps for which the surroundings of a particle are searched
 
 
@@ -103,7 +105,7 @@ def book_removals(progress, rows, first, last):
             progress[P.depth_sum] += rows[k, col.DEPTH]
 
 
-@kernel
+@loop
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """Advance as `timestep.advance` does, with the scheme `point_implicit`; the same arguments and status."""
     n = p.position.shape[0]

@@ -23,7 +23,7 @@ from reference.triangle import closest_point_on_triangle
 
 HORIZON = 64  # steps, after which every particle is looked at
 SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off
-MARGIN = 0.02  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
+MARGIN = 0.01  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
 
 
 @kernel
@@ -112,6 +112,16 @@ def steps_until(distance, speed, dt, horizon):
 
 
 @inlined
+def around(index, count):
+    """`index` modulo `count`, for one that is seldom outside of 0 ... count - 1."""
+    while index < 0:
+        index += count
+    while index >= count:
+        index -= count
+    return index
+
+
+@inlined
 def look(
     z_nodes, spacing, dt, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon
 ):
@@ -131,14 +141,14 @@ def look(
         math.floor((x - radius - left) / spacing), math.floor((x + radius + right) / spacing) + 1
     ):
         x0, x1 = i * spacing, (i + 1) * spacing
-        i0 = i % n_x
+        i0 = around(i, n_x)
         i1 = i0 + 1 if i0 + 1 < n_x else 0
         away_x = x0 - x if x0 > x else (x1 - x if x1 < x else 0.0)
         for j in range(
             math.floor((y - radius - down) / spacing), math.floor((y + radius + up) / spacing) + 1
         ):
             y0, y1 = j * spacing, (j + 1) * spacing
-            j0 = j % n_y
+            j0 = around(j, n_y)
             j1 = j0 + 1 if j0 + 1 < n_y else 0
             z00, z10, z01, z11 = z_nodes[i0, j0], z_nodes[i1, j0], z_nodes[i0, j1], z_nodes[i1, j1]
             highest = max(z00, z10, z01, z11)
