@@ -32,7 +32,7 @@ from reference.fast.sweep import (
     glide_upright,
     wrap_upright,
 )
-from reference.fast.watch import MARGIN, HORIZON, insert, look, remove, ring_of, velocity_box
+from reference.fast.watch import MARGIN, HORIZON, MOST_CLOSE, insert, look, look_closely, remove, ring_of, velocity_box
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
@@ -95,6 +95,15 @@ def strike(model, dt, time, pad_height, heights, s, i, hit, rows, row):
 
 
 @kernel
+def mark(changed, spacing, x, y, reach, step):
+    """Note `step` in all squares within `reach` squares of the one at (x, y), whose nodes have fallen."""
+    i, j = math.floor(x / spacing), math.floor(y / spacing)
+    for a in range(i - reach, i + reach + 1):
+        for b in range(j - reach, j + reach + 1):
+            changed[a % changed.shape[0], b % changed.shape[1]] = step
+
+
+@kernel
 def book_removals(progress, rows, first, last):
     """Add the removals of ledger rows first ... last - 1 to the sums of the run."""
     for k in range(first, last):
@@ -118,6 +127,9 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     )  # fmt: skip
     due, after, before, first = ring_of(n)
     box = np.zeros((n, 6))
+    close, number = np.zeros((n, MOST_CLOSE, 3), np.int64), np.zeros(n, np.int64)
+    until, looked, renewed = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    look_x, changed = np.zeros(n), np.full(heights.shape, -1)
     nonlinear = np.zeros(n, np.bool_)
     periods = np.array([model.length_x, model.length_y, model.length_z])
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
@@ -177,23 +189,38 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         first[step % HORIZON] = -1
         while i >= 0:
             following = after[i]
-            x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
-                model, dt, pad_height, margin, drag[i], z[i], vx[i], vy[i], vz[i]
-            )
-            box[i, 0], box[i, 1], box[i, 2] = x_low, x_high, y_low
-            box[i, 3], box[i, 4], box[i, 5] = y_high, z_low, z_high
-            one = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
-            speed = max(speed, one)
-            above = 4.0 * radius[i] * radius[i] * slip > slip_limit
-            if above != nonlinear[i]:
-                nonlinear[i] = above
-                some_nonlinear += 1 if above else -1
+            x_low, x_high, y_low = box[i, 0], box[i, 1], box[i, 2]
+            y_high, z_low, z_high = box[i, 3], box[i, 4], box[i, 5]
+            again = step < renewed[i] and x_low <= vx[i] and vx[i] <= x_high
+            again = again and y_low <= vy[i] and vy[i] <= y_high and z_low <= vz[i] and vz[i] <= z_high
+            if not again:
+                x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
+                    model, dt, pad_height, margin, drag[i], z[i], vx[i], vy[i], vz[i]
+                )
+                box[i, 0], box[i, 1], box[i, 2] = x_low, x_high, y_low
+                box[i, 3], box[i, 4], box[i, 5] = y_high, z_low, z_high
+                renewed[i] = step + HORIZON - AHEAD - 1
+                one = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
+                speed = max(speed, one)
+                above = 4.0 * radius[i] * radius[i] * slip > slip_limit
+                if above != nonlinear[i]:
+                    nonlinear[i] = above
+                    some_nonlinear += 1 if above else -1
             steps = AHEAD
             if model.has_surface:
-                touching, nx, ny, nz, qx, qy, qz, steps = look(
-                    heights, model.spacing, dt, x[i], y[i], z[i], radius[i],
-                    x_low, x_high, y_low, y_high, z_low, z_high, AHEAD,
-                )  # fmt: skip
+                here = changed[int(x[i] / model.spacing), int(y[i] / model.spacing)]
+                if again and step <= until[i] and here < looked[i] and abs(x[i] - look_x[i]) < half_x:
+                    touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
+                        heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
+                        x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
+                    )  # fmt: skip
+                    steps = min(steps, until[i] - step)
+                else:
+                    touching, nx, ny, nz, qx, qy, qz, steps, others = look(
+                        heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
+                        x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
+                    )  # fmt: skip
+                    until[i], looked[i], look_x[i] = step + others, step, x[i]
                 if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
                     strike(model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), rows, row)
                     normal = rows[row, col.NORMAL_IMPULSE]
@@ -354,6 +381,10 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         if struck > begin:
             if commit_removal(model, heights, rows, begin, struck):
                 highest = heights.max()
+                reach = int(largest / model.spacing) + 2
+                for k in range(begin, struck):
+                    if rows[k, col.REMOVED_VOLUME] > 0.0:
+                        mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], reach, step)
             book_removals(progress, rows, begin, struck)
         step += 1
         progress[P.time] = t_start + step * dt

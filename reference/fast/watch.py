@@ -22,6 +22,7 @@ from reference.state import FLOW_COUETTE
 from reference.triangle import closest_point_on_triangle
 
 HORIZON = 64  # steps, after which every particle is looked at
+CLOSE, MOST_CLOSE = 8, 8  # steps, and how many triangles a particle has that may be touched within them
 SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off
 MARGIN = 0.01  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
 
@@ -122,16 +123,42 @@ def around(index, count):
 
 
 @inlined
-def look(
-    z_nodes, spacing, dt, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon
-):
-    """Look for the surface: (touching, nx, ny, nz, qx, qy, qz, steps in which it cannot be touched).
+def steps_to_triangle(dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon):
+    """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz) from its centre."""
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    speed = max(-dx * x_low, -dx * x_high) + max(-dy * y_low, -dy * y_high) + max(-dz * z_low, -dz * z_high)
+    return steps_until(distance - radius, speed / distance, dt, horizon)
 
-    The point that touches and its normal are those of `heightfield.surface_contact`.
+
+@inlined
+def closest_of_triangle(z_nodes, spacing, i, j, side, x, y, z):
+    """Closest point of triangle `side` of the square (i, j), which need not be wrapped."""
+    n_x, n_y = z_nodes.shape
+    i0, j0 = around(i, n_x), around(j, n_y)
+    i1 = i0 + 1 if i0 + 1 < n_x else 0
+    j1 = j0 + 1 if j0 + 1 < n_y else 0
+    x0, x1, y0, y1 = i * spacing, (i + 1) * spacing, j * spacing, (j + 1) * spacing
+    z00, z11 = z_nodes[i0, j0], z_nodes[i1, j1]
+    if side == 0:
+        return closest_point_on_triangle(x, y, z, x0, y0, z00, x1, y0, z_nodes[i1, j0], x1, y1, z11)
+    return closest_point_on_triangle(x, y, z, x0, y0, z00, x1, y1, z11, x0, y1, z_nodes[i0, j1])
+
+
+@inlined
+def look(
+    z_nodes, spacing, dt, k, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon, close,
+    number,
+):
+    """Look for the surface around particle k: (touching, nx, ny, nz, qx, qy, qz, steps, others).
+
+    The point that touches and its normal are those of `heightfield.surface_contact`.  The surface cannot be
+    touched within `steps`; the triangles that may be within `CLOSE` go to `close[k]`, their `number[k]` with
+    them, and all others cannot be touched within `others` steps: until then `look_closely` is enough.
     """
     n_x, n_y = z_nodes.shape
     best, qx, qy, qz = radius * radius, 0.0, 0.0, 0.0
-    touching, sunk, steps = False, False, horizon
+    touching, sunk, steps, others = False, False, horizon, horizon
+    found = 0
     way = dt * horizon
     right, left = way * max(x_high, 0.0), way * max(-x_low, 0.0)
     up, down = way * max(y_high, 0.0), way * max(-y_low, 0.0)
@@ -147,46 +174,79 @@ def look(
         for j in range(
             math.floor((y - radius - down) / spacing), math.floor((y + radius + up) / spacing) + 1
         ):
-            y0, y1 = j * spacing, (j + 1) * spacing
             j0 = around(j, n_y)
             j1 = j0 + 1 if j0 + 1 < n_y else 0
-            z00, z10, z01, z11 = z_nodes[i0, j0], z_nodes[i1, j0], z_nodes[i0, j1], z_nodes[i1, j1]
-            highest = max(z00, z10, z01, z11)
-            away_z = z - steps * sink - highest
+            highest = max(z_nodes[i0, j0], z_nodes[i1, j0], z_nodes[i0, j1], z_nodes[i1, j1])
+            away_z = z - others * sink - highest
             if away_z >= radius:
                 continue
+            y0, y1 = j * spacing, (j + 1) * spacing
             away_y = y0 - y if y0 > y else (y1 - y if y1 < y else 0.0)
             flat = away_x * away_x + away_y * away_y
             reach = square - away_z * away_z if away_z > 0.0 else square
             if flat > reach:
                 across = math.sqrt(flat)
                 speed = max(away_x * x_high, away_x * x_low) + max(away_y * y_high, away_y * y_low)
-                steps = min(steps, steps_until(across - math.sqrt(reach), speed / across, dt, horizon))
-                continue
+                free = steps_until(across - math.sqrt(reach), speed / across, dt, horizon)
+                if free >= CLOSE:
+                    others = min(others, free)
+                    continue
             if away_x == 0.0 and away_y == 0.0 and z <= highest:
                 ground = height_at(z_nodes, spacing, x, y)
                 if z <= ground:
-                    touching, sunk, best, qx, qy, qz = True, True, -1.0, x, y, ground
+                    sunk, qx, qy, qz = True, x, y, ground
                     break
             for side in range(2):
-                if side == 0:
-                    cx, cy, cz = closest_point_on_triangle(x, y, z, x0, y0, z00, x1, y0, z10, x1, y1, z11)
-                else:
-                    cx, cy, cz = closest_point_on_triangle(x, y, z, x0, y0, z00, x1, y1, z11, x0, y1, z01)
+                cx, cy, cz = closest_of_triangle(z_nodes, spacing, i, j, side, x, y, z)
                 dx, dy, dz = x - cx, y - cy, z - cz
                 apart = dx * dx + dy * dy + dz * dz
-                if apart < square:
-                    if apart < best:
-                        touching, best, qx, qy, qz = True, apart, cx, cy, cz
-                    continue
-                distance = math.sqrt(apart)
-                speed = max(-dx * x_low, -dx * x_high) + max(-dy * y_low, -dy * y_high)
-                speed += max(-dz * z_low, -dz * z_high)
-                steps = min(steps, steps_until(distance - radius, speed / distance, dt, horizon))
+                free = 0
+                if apart >= square:
+                    free = steps_to_triangle(
+                        dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon
+                    )
+                elif apart < best:
+                    touching, best, qx, qy, qz = True, apart, cx, cy, cz
+                if free < CLOSE and found < MOST_CLOSE:
+                    steps = min(steps, free)
+                    close[k, found, 0], close[k, found, 1], close[k, found, 2] = i, j, side
+                    found += 1
+                else:
+                    others = min(others, free)
         if sunk:
             break
+    number[k] = found
     if sunk:
-        return True, 0.0, 0.0, 1.0, qx, qy, qz, 0
+        return True, 0.0, 0.0, 1.0, qx, qy, qz, 0, 0
+    if touching:
+        distance = math.sqrt(best)
+        others = others if distance > 0.5 * radius else 0
+        return (
+            True, (x - qx) / distance, (y - qy) / distance, (z - qz) / distance, qx, qy, qz, 0, others
+        )  # fmt: skip
+    return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, min(steps, others), others
+
+
+@inlined
+def look_closely(
+    z_nodes, spacing, dt, k, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon, close,
+    number,
+):
+    """Look at the close triangles of particle k alone: (touching, nx, ny, nz, qx, qy, qz, steps)."""
+    square = radius * radius
+    best, qx, qy, qz = square, 0.0, 0.0, 0.0
+    touching, steps = False, horizon
+    for m in range(number[k]):
+        cx, cy, cz = closest_of_triangle(z_nodes, spacing, close[k, m, 0], close[k, m, 1], close[k, m, 2], x, y, z)
+        dx, dy, dz = x - cx, y - cy, z - cz
+        apart = dx * dx + dy * dy + dz * dz
+        if apart >= square:
+            free = steps_to_triangle(
+                dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon
+            )
+            steps = min(steps, free)
+        elif apart < best:
+            touching, best, qx, qy, qz = True, apart, cx, cy, cz
     if touching:
         distance = math.sqrt(best)
         return True, (x - qx) / distance, (y - qy) / distance, (z - qz) / distance, qx, qy, qz, 0
