@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from reference.compiled import broadcast, formula
 
+HERTZ = 2.87  # of an elastic impact's duration: see `impact_duration`
+
 
 @formula
 def pair_normal_impulse(mass_i, mass_j, v_in, v_jn, restitution, ext_i=0.0, ext_j=0.0):
@@ -123,7 +125,7 @@ def impact_duration(mass, radius, effective_modulus, speed):
     >>> float(impact_duration(1.0, 1.0, 1.0, 1.0))
     2.87
     """
-    return 2.87 * (mass * mass / (radius * effective_modulus * effective_modulus * speed)) ** 0.2
+    return HERTZ * (mass * mass / (radius * effective_modulus * effective_modulus * speed)) ** 0.2
 
 
 @formula

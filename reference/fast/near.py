@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import inlined, kernel
+from reference.contact import effective_modulus
 from reference.neighbors import minimum_image, neighbor_pairs
 
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
@@ -59,17 +60,23 @@ def farthest(s, origin, periods):
 
 
 @kernel
-def list_narrow(s, wide, skin, periods, narrow):
-    """Write those of the wide pairs that are closer than touching and `skin` to `narrow`; return how many."""
+def list_narrow(s, wide, skin, periods, narrow, rigid):
+    """Write those of the wide pairs that are closer than touching and `skin` to `narrow`; return how many.
+
+    Their R E*^2 (m Pa2) goes to `rigid`: what Hertz's duration needs of a pair that does not change.
+    """
     found = 0
     for pair in range(wide.shape[0]):
         i, j = wide[pair, 0], wide[pair, 1]
         dx = minimum_image(s.x[j] - s.x[i], periods[0])
         dy = minimum_image(s.y[j] - s.y[i], periods[1])
         dz = minimum_image(s.z[j] - s.z[i], periods[2])
-        reach = s.radius[i] + s.radius[j] + skin
+        touching = s.radius[i] + s.radius[j]
+        reach = touching + skin
         if dx * dx + dy * dy + dz * dz < reach * reach:
             narrow[found, 0], narrow[found, 1] = i, j
+            modulus = effective_modulus(s.modulus[i], s.modulus[j])
+            rigid[found] = s.radius[i] * s.radius[j] / touching * modulus * modulus
             found += 1
     return found
 

@@ -23,6 +23,7 @@ from reference.collisions import (
 from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus, surface_normal_impulse
 from reference.fast.near import NARROW, WIDE, Origin, farthest, fastest, list_narrow, list_wide, mean
+from reference.fast.pairs import hertz_durations, impulse_on_first
 from reference.fast.swarm import adapt, bring_back, swarm_of
 from reference.fast.sweep import (
     fast_on_pad,
@@ -33,6 +34,7 @@ from reference.fast.sweep import (
     wrap_upright,
 )
 from reference.fast.watch import MARGIN, HORIZON, MOST_CLOSE, insert, look, look_closely, remove, ring_of, velocity_box
+from reference.neighbors import minimum_image
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
@@ -53,13 +55,37 @@ def nearest_image(distance, period, half):
 
 
 @inlined
-def drag_of_one(model, nonlinear, shear, pad_height, k, radius, z, vx, vy, vz):
-    """External force E on a particle, as `collisions.drag_on` has it, three components in N."""
+def acceleration(model, nonlinear, shear, pad_height, drag, mass, radius, z, vx, vy, vz):
+    """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2."""
     if nonlinear:
-        return drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
+        ex, ey, ez = drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
+        return ex / mass, ey / mass, ez / mass
+    rate = drag / mass
     if model.flow == FLOW_COUETTE:
-        return k * (shear * z - vx), -k * vy, -k * vz
-    return k * (model.flow_x - vx), k * (model.flow_y - vy), k * (model.flow_z - vz)
+        return rate * (shear * z - vx), -rate * vy, -rate * vz
+    return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)
+
+
+@kernel
+def record_pair(model, dt, time, pad_height, s, i, j, out):
+    """Fill ledger row `out` with the contact of particles i and j."""
+    dx = minimum_image(s.x[j] - s.x[i], model.length_x)
+    dy = minimum_image(s.y[j] - s.y[i], model.length_y)
+    dz = minimum_image(s.z[j] - s.z[i], model.length_z)
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    nx, ny, nz = dx / distance, dy / distance, dz / distance
+    vx, vy, vz = s.vx[j] - s.vx[i], s.vy[j] - s.vy[i], s.vz[j] - s.vz[i]
+    separation = vx * nx + vy * ny + vz * nz
+    on_i = drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
+    on_j = drag_on(model, pad_height, s.z[j], s.vx[j], s.vy[j], s.vz[j], 2.0 * s.radius[j])
+    _, _, _, normal, friction, lost, duration, within, external = pair_impulse(
+        model, dt, s.mass[i], s.mass[j], 2.0 * s.radius[i], 2.0 * s.radius[j],
+        effective_modulus(s.modulus[i], s.modulus[j]), (nx, ny, nz), (vx, vy, vz), separation, on_i, on_j,
+    )  # fmt: skip
+    touch = (s.x[i] + s.radius[i] * nx, s.y[i] + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
+    record_pair_contact(
+        time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, within, external, out
+    )
 
 
 @kernel
@@ -152,7 +178,11 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
     pad_height = progress[P.pad_height]
     status, step, row = DONE, 0, int(progress[P.rows])
-    ratio, contacts = progress[P.largest_ratio], 0
+    longest, contacts = progress[P.largest_ratio] * dt, 0
+    hertz, duration = np.empty(0), np.empty(0)
+    hertz_bits, duration_bits = hertz.view(np.int64), duration.view(np.int64)
+    first_of, second_of, contact = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 11))
+    rigid = np.empty(0)
     while step < steps_left and status == DONE:
         time = progress[P.time] if step == 0 else t_start + step * dt
         descent, shear = 0.0, 0.0
@@ -171,7 +201,11 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
                     spent = 0.0
                     wide = list_wide(s, largest, periods, origin)
                     narrow = np.empty((wide.shape[0], 2), np.int64)
-            near = list_narrow(s, wide, skin, periods, narrow)
+                    hertz, duration = np.empty(wide.shape[0]), np.empty(wide.shape[0])
+                    hertz_bits, duration_bits = hertz.view(np.int64), duration.view(np.int64)
+                    first_of, second_of = np.empty(wide.shape[0], np.int64), np.empty(wide.shape[0], np.int64)
+                    contact, rigid = np.empty((wide.shape[0], 11)), np.empty(wide.shape[0])
+            near = list_narrow(s, wide, skin, periods, narrow, rigid)
             left, speed = skin, 0.0
             if step > 0:
                 for i in range(n):
@@ -232,7 +266,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
                     touched[n_touched] = i
                     n_touched += 1
                     if rows[row, col.APPROACH_SPEED] > SLOWEST:
-                        ratio = max(ratio, rows[row, col.DURATION] / dt)
+                        longest = max(longest, rows[row, col.DURATION])
                     removes = rows[row, col.REMOVED_VOLUME] > 0.0
                     if removes and model.mass_pickup:
                         gained[i] = rows[row, col.REMOVED_MASS]
@@ -246,6 +280,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         struck = row
 
         # contacts of pairs
+        met = 0
         for pair in range(near):
             i, j = narrow[pair, 0], narrow[pair, 1]
             dx = nearest_image(x[j] - x[i], model.length_x, half_x)
@@ -261,17 +296,34 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
             separation = wx * nx + wy * ny + wz * nz
             if separation >= 0.0:
                 continue
-            on_i = drag_of_one(
-                model, nonlinear[i], shear, pad_height, drag[i], radius[i], z[i], vx[i], vy[i], vz[i]
+            ax, ay, az = acceleration(
+                model, nonlinear[i], shear, pad_height, drag[i], mass[i], radius[i], z[i], vx[i], vy[i], vz[i]
             )
-            on_j = drag_of_one(
-                model, nonlinear[j], shear, pad_height, drag[j], radius[j], z[j], vx[j], vy[j], vz[j]
+            bx, by, bz = acceleration(
+                model, nonlinear[j], shear, pad_height, drag[j], mass[j], radius[j], z[j], vx[j], vy[j], vz[j]
             )
-            gx, gy, gz, normal, friction, lost, duration, inside, external = pair_impulse(
-                model, dt, mass[i], mass[j], 2.0 * radius[i], 2.0 * radius[j],
-                effective_modulus(modulus[i], modulus[j]), (nx, ny, nz), (wx, wy, wz), separation, on_i, on_j,
+            m_eff = mass[i] * mass[j] / (mass[i] + mass[j])
+            stiffness = rigid[pair]
+            hertz[met] = stiffness * -separation / (m_eff * m_eff)
+            first_of[met], second_of[met] = i, j
+            contact[met, 0], contact[met, 1], contact[met, 2] = nx, ny, nz
+            contact[met, 3], contact[met, 4], contact[met, 5] = wx, wy, wz
+            contact[met, 6], contact[met, 7], contact[met, 8] = ax - bx, ay - by, az - bz
+            contact[met, 9], contact[met, 10] = m_eff, separation
+            met += 1
+        if model.impact_duration > 0.0:
+            for k in range(met):
+                duration[k] = model.impact_duration
+        else:
+            hertz_durations(hertz, hertz_bits, (duration_bits, duration), met)
+        contacts += met
+        for k in range(met):
+            i, j, separation = first_of[k], second_of[k], contact[k, 10]
+            gx, gy, gz = impulse_on_first(
+                model.restitution, model.static_friction, model.dynamic_friction, contact[k, 9],
+                min(duration[k], dt), separation, contact[k, 0], contact[k, 1], contact[k, 2],
+                contact[k, 3], contact[k, 4], contact[k, 5], contact[k, 6], contact[k, 7], contact[k, 8],
             )  # fmt: skip
-            contacts += 1
             jx[i] += gx
             jy[i] += gy
             jz[i] += gz
@@ -287,13 +339,9 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
                 touched[n_touched] = j
                 n_touched += 1
             if -separation > SLOWEST:
-                ratio = max(ratio, duration / dt)
+                longest = max(longest, duration[k])
             if -separation >= numerics.ledger_speed:
-                touch = (x[i] + radius[i] * nx, y[i] + radius[i] * ny, z[i] + radius[i] * nz)
-                record_pair_contact(
-                    time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, inside,
-                    external, rows[row],
-                )  # fmt: skip
+                record_pair(model, dt, time, pad_height, s, i, j, rows[row])
                 row += 1
 
         # the pad, of those in contact; their velocities before drag
@@ -393,7 +441,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     progress[P.rows] = row
     progress[P.steps] += step
     progress[P.contacts] += contacts
-    progress[P.largest_ratio] = ratio
+    progress[P.largest_ratio] = longest / dt if dt > 0.0 else progress[P.largest_ratio]
     progress[P.pad_height] = pad_height
     bring_back(s, p)
     return status
