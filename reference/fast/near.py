@@ -27,6 +27,32 @@ class Origin(NamedTuple):
     z: np.ndarray
 
 
+class Lists(NamedTuple):
+    """Room for as many pairs as are in the wide list, P."""
+
+    wide: np.ndarray  # (P, 2), particles
+    narrow: np.ndarray  # (P, 2), particles of those that are nearly touching
+    rigid: np.ndarray  # (P,), their R E*^2, m Pa2
+    first: np.ndarray  # (P,), particles of those in contact
+    second: np.ndarray  # (P,)
+    contact: np.ndarray  # (P, 11): n_ij, v_ij, relative acceleration, m*, separation speed
+    hertz: np.ndarray  # (P,), R E*^2 v/m*^2
+    hertz_bits: np.ndarray  # (P,), the same memory as integers
+    duration: np.ndarray  # (P,), s
+    duration_bits: np.ndarray  # (P,), the same memory as integers
+
+
+@kernel
+def lists_of(wide):
+    """Lists for a wide list of pairs."""
+    p = wide.shape[0]
+    hertz, duration = np.empty(p), np.empty(p)
+    return Lists(
+        wide, np.empty((p, 2), np.int64), np.empty(p), np.empty(p, np.int64), np.empty(p, np.int64),
+        np.empty((p, 11)), hertz, hertz.view(np.int64), duration, duration.view(np.int64),
+    )  # fmt: skip
+
+
 @kernel
 def list_wide(s, largest, periods, origin):
     """All pairs (P, 2) closer than the largest diameter and the wide skin; positions go to `origin`."""

@@ -17,12 +17,11 @@ ROOT_BITS = int((1.2 * 1023 - 0.059) * 2.0**52)
 
 
 @vectorised
-def hertz_durations(q, bits, durations, count):
+def hertz_durations(q, bits, result, guess, count):
     """Durations 2.87 q^(-1/5) (s) of the first `count` contacts, q = R E*^2 v/m*^2 > 0; see `impact_duration`.
 
-    `bits` is q seen as integers, `durations[1]` the same of `durations[0]`: the first guess is made with them.
+    `bits` are those of q, seen as integers, `guess` those of `result`: there Newton's iteration starts.
     """
-    guess, result = durations
     for k in range(count):
         guess[k] = ROOT_BITS - int(0.2 * bits[k])
     for k in range(count):

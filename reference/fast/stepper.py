@@ -7,6 +7,7 @@ Books are kept of contacts and removal; those of the fluid and of energy are the
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -22,7 +23,17 @@ from reference.collisions import (
 )
 from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus, surface_normal_impulse
-from reference.fast.near import NARROW, WIDE, Origin, farthest, fastest, list_narrow, list_wide, mean
+from reference.fast.near import (
+    NARROW,
+    WIDE,
+    Origin,
+    farthest,
+    fastest,
+    list_narrow,
+    list_wide,
+    lists_of,
+    mean,
+)
 from reference.fast.pairs import hertz_durations, impulse_on_first
 from reference.fast.swarm import adapt, bring_back, swarm_of
 from reference.fast.sweep import (
@@ -33,7 +44,7 @@ from reference.fast.sweep import (
     glide_upright,
     wrap_upright,
 )
-from reference.fast.watch import MARGIN, HORIZON, MOST_CLOSE, insert, look, look_closely, remove, ring_of, velocity_box
+from reference.fast.watch import MARGIN, HORIZON, insert, look, look_closely, remove, velocity_box, watch_all
 from reference.neighbors import minimum_image
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
@@ -140,79 +151,131 @@ def book_removals(progress, rows, first, last):
             progress[P.depth_sum] += rows[k, col.DEPTH]
 
 
-@loop
+RELIST = -1  # the wide list of pairs has to be made anew
+
+
+class Run(NamedTuple):
+    """Scalars that outlive a call of `march`, as one array: these are their indices."""
+
+    step: int = 0
+    left: int = 1  # how far pairs may still come nearer until the narrow list is made anew, m
+    spent: int = 2  # how far they may have come since the wide one was, m
+    speed: int = 3  # of any particle, at most, relative to the mean, m/s
+    mean_x: int = 4  # m/s
+    mean_y: int = 5
+    near: int = 6  # pairs in the narrow list
+    nonlinear: int = 7  # particles whose drag may not be linear
+    fresh: int = 8  # 1 where the wide list has just been made
+
+
+R = Run()
+
+
+@kernel
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """Advance as `timestep.advance` does, with the scheme `point_implicit`; the same arguments and status."""
     n = p.position.shape[0]
     t_start = progress[P.time]
     dt = (t_end - t_start) / max(steps_left, 1)
-    s = swarm_of(model, dt, p)
-    x, y, z, vx, vy, vz, mass, radius = s.x, s.y, s.z, s.vx, s.vy, s.vz, s.mass, s.radius
-    modulus, drag, yielding, under_pad, jx, jy, jz = (
-        s.modulus, s.drag, s.yielding, s.under_pad, s.jx, s.jy, s.jz
-    )  # fmt: skip
-    due, after, before, first = ring_of(n)
-    box = np.zeros((n, 6))
-    close, number = np.zeros((n, MOST_CLOSE, 3), np.int64), np.zeros(n, np.int64)
-    until, looked, renewed = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64)
-    look_x, changed = np.zeros(n), np.full(heights.shape, -1)
-    nonlinear = np.zeros(n, np.bool_)
+    s, w = swarm_of(model, dt, p), watch_all(n, heights.shape)
     periods = np.array([model.length_x, model.length_y, model.length_z])
+    largest = p.diameter.max() if n > 0 else 0.0
+    origin = Origin(np.empty(n), np.empty(n), np.empty(n))
+    lists = lists_of(np.empty((0, 2), np.int64))
+    scratch = Scratch(
+        np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.full(n, -1), np.zeros(n),
+        np.empty((n, 6)),
+    )  # fmt: skip
+    run = np.zeros(len(R))
+    run[R.left], run[R.spent] = -1.0, math.inf
+    while True:
+        status = march(
+            model, numerics, progress, t_start, dt, steps_left, largest, periods, s, w, origin, lists,
+            scratch, run, heights, rows,
+        )  # fmt: skip
+        if status != RELIST:
+            break
+        lists = lists_of(list_wide(s, largest, periods, origin))
+        run[R.spent], run[R.fresh] = 0.0, 1.0
+    bring_back(s, p)
+    return status
+
+
+class Scratch(NamedTuple):
+    """Who takes part in a step, for N particles."""
+
+    touched: np.ndarray  # (N,), particles in contact with others or the surface
+    touch_step: np.ndarray  # (N,), the last step in which one was
+    special: np.ndarray  # (N,), particles that are solved by themselves
+    special_step: np.ndarray  # (N,)
+    gained: np.ndarray  # (N,), mass picked up, kg
+    kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
+
+
+@loop
+def march(
+    model, numerics, progress, t_start, dt, last_step, largest, periods, s, w, origin, lists, scratch, run,
+    heights, rows,
+):  # fmt: skip
+    """Make steps until all are made, or until something is in the way; see `advance_fast`.
+
+    No array is made here: Numba would count references to it at every step.
+    """
+    n = scratch.touched.shape[0]
+    x, y, z, vx, vy, vz, mass, radius = s.x, s.y, s.z, s.vx, s.vy, s.vz, s.mass, s.radius
+    drag, yielding, under_pad, jx, jy, jz = s.drag, s.yielding, s.under_pad, s.jx, s.jy, s.jz
+    due, after, before, first, box = w.due, w.after, w.before, w.first, w.box
+    renewed, nonlinear, close, number = w.renewed, w.nonlinear, w.close, w.number
+    until, looked, looked_x, changed = w.until, w.looked, w.looked_x, w.changed
+    narrow, rigid, first_of, second_of = lists.narrow, lists.rigid, lists.first, lists.second
+    contact, hertz, duration = lists.contact, lists.hertz, lists.duration
+    hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
+    touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
+    special_step, gained, kept = scratch.special_step, scratch.gained, scratch.kept
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
     half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
     half_z = 0.5 * model.length_z if model.length_z > 0.0 else math.inf
-    largest = p.diameter.max() if n > 0 else 0.0
     highest = heights.max() if model.has_surface else 0.0
-    origin = Origin(np.empty(n), np.empty(n), np.empty(n))
-    wide, narrow, near = np.empty((0, 2), np.int64), np.empty((0, 2), np.int64), 0
     skin = NARROW * largest
-    room, spent, left = WIDE * largest - skin, math.inf, -1.0  # how far pairs may come nearer, and have
-    speed, mean_x, mean_y = 0.0, 0.0, 0.0
+    room = WIDE * largest - skin
+    left, spent, speed = run[R.left], run[R.spent], run[R.speed]
+    mean_x, mean_y, near = run[R.mean_x], run[R.mean_y], int(run[R.near])
+    some_nonlinear, fresh = int(run[R.nonlinear]), run[R.fresh] > 0.0
     pairs = model.has_pairs and n > 1
-    touched, touch_step = np.empty(n, np.int64), np.full(n, -1)
-    special, special_step, gained, kept = np.empty(n, np.int64), np.full(n, -1), np.zeros(n), np.empty((n, 6))
-    some_nonlinear = 0
     margin = MARGIN * max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
     couette = model.flow == FLOW_COUETTE
     flow_x, flow_y, flow_z = (0.0, 0.0, 0.0) if couette else (model.flow_x, model.flow_y, model.flow_z)
     slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
     pad_height = progress[P.pad_height]
-    status, step, row = DONE, 0, int(progress[P.rows])
+    status, step, row = DONE, int(run[R.step]), int(progress[P.rows])
+    begin_step = step
     longest, contacts = progress[P.largest_ratio] * dt, 0
-    hertz, duration = np.empty(0), np.empty(0)
-    hertz_bits, duration_bits = hertz.view(np.int64), duration.view(np.int64)
-    first_of, second_of, contact = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 11))
-    rigid = np.empty(0)
-    while step < steps_left and status == DONE:
+    while step < last_step and status == DONE:
         time = progress[P.time] if step == 0 else t_start + step * dt
         descent, shear = 0.0, 0.0
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
         if couette:
             shear = model.wall_speed / (pad_height if model.has_pad else model.gap)
-        left -= 2.0 * dt * speed
-        if pairs and not left >= 0.0:
-            mean_x, mean_y = mean(vx, n), mean(vy, n)
-            spent += skin - left
-            if spent > room:
-                if spent < math.inf:
+        if pairs and (fresh or left < 2.0 * dt * speed):
+            if not fresh:
+                spent += skin - left + 2.0 * dt * speed
+                if spent > room and spent < math.inf:
                     spent = 2.0 * farthest(s, origin, periods)
                 if not spent <= room:
-                    spent = 0.0
-                    wide = list_wide(s, largest, periods, origin)
-                    narrow = np.empty((wide.shape[0], 2), np.int64)
-                    hertz, duration = np.empty(wide.shape[0]), np.empty(wide.shape[0])
-                    hertz_bits, duration_bits = hertz.view(np.int64), duration.view(np.int64)
-                    first_of, second_of = np.empty(wide.shape[0], np.int64), np.empty(wide.shape[0], np.int64)
-                    contact, rigid = np.empty((wide.shape[0], 11)), np.empty(wide.shape[0])
-            near = list_narrow(s, wide, skin, periods, narrow, rigid)
+                    status = RELIST
+                    break
+            fresh = False
+            mean_x, mean_y = mean(vx, n), mean(vy, n)
+            near = list_narrow(s, lists.wide, skin, periods, narrow, rigid)
             left, speed = skin, 0.0
-            if step > 0:
-                for i in range(n):
-                    one = fastest(
-                        box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
-                    )
-                    speed = max(speed, one)
+            for i in range(n):
+                one = fastest(
+                    box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
+                )
+                speed = max(speed, one)
+        else:
+            left -= 2.0 * dt * speed
         if row + near + 2 * n > rows.shape[0]:
             status = LEDGER_FULL
             break
@@ -243,7 +306,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
             steps = AHEAD
             if model.has_surface:
                 here = changed[int(x[i] / model.spacing), int(y[i] / model.spacing)]
-                if again and step <= until[i] and here < looked[i] and abs(x[i] - look_x[i]) < half_x:
+                if again and step <= until[i] and here < looked[i] and abs(x[i] - looked_x[i]) < half_x:
                     touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
                         heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
@@ -254,7 +317,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
                         heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
                     )  # fmt: skip
-                    until[i], looked[i], look_x[i] = step + others, step, x[i]
+                    until[i], looked[i], looked_x[i] = step + others, step, x[i]
                 if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
                     strike(model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), rows, row)
                     normal = rows[row, col.NORMAL_IMPULSE]
@@ -315,7 +378,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
             for k in range(met):
                 duration[k] = model.impact_duration
         else:
-            hertz_durations(hertz, hertz_bits, (duration_bits, duration), met)
+            hertz_durations(hertz, hertz_bits, duration, duration_bits, met)
         contacts += met
         for k in range(met):
             i, j, separation = first_of[k], second_of[k], contact[k, 10]
@@ -438,10 +501,12 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         progress[P.time] = t_start + step * dt
         if model.has_pad:
             pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
+    run[R.step], run[R.left], run[R.spent], run[R.speed] = step, left, spent, speed
+    run[R.mean_x], run[R.mean_y], run[R.near], run[R.nonlinear] = mean_x, mean_y, near, some_nonlinear
+    run[R.fresh] = 1.0 if fresh else 0.0
     progress[P.rows] = row
-    progress[P.steps] += step
+    progress[P.steps] += step - begin_step
     progress[P.contacts] += contacts
     progress[P.largest_ratio] = longest / dt if dt > 0.0 else progress[P.largest_ratio]
     progress[P.pad_height] = pad_height
-    bring_back(s, p)
     return status

@@ -13,6 +13,7 @@ looked at in the next step.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,18 +28,35 @@ SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off
 MARGIN = 0.01  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
 
 
-@kernel
-def ring_of(n):
-    """(due, after, before, first): who is looked at when, as one linked list for each step of a ring.
+class Watch(NamedTuple):
+    """When each of N particles is looked at, as one linked list for each step of a ring, and what is known then."""
 
-    `due` (N,) is a particle's step, `first` (HORIZON,) the first particle of a list, `after` and `before` (N,)
-    its neighbors there, -1 where there is none.  All particles are looked at in step 0.
-    """
-    due, after, before = np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1)
-    first = np.full(HORIZON, -1)
+    due: np.ndarray  # (N,), step
+    after: np.ndarray  # (N,), the next particle in the list of the same step, or -1
+    before: np.ndarray  # (N,)
+    first: np.ndarray  # (HORIZON,), the first particle of each list, or -1
+    box: np.ndarray  # (N, 6), lowest and highest velocity along x, y and z, m/s
+    renewed: np.ndarray  # (N,), step until which the box may be used again
+    nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
+    close: np.ndarray  # (N, MOST_CLOSE, 3), triangles that may be touched soon
+    number: np.ndarray  # (N,), how many
+    until: np.ndarray  # (N,), step until which no other triangle can be touched
+    looked: np.ndarray  # (N,), step in which the close triangles were found
+    looked_x: np.ndarray  # (N,), and where, m
+    changed: np.ndarray  # (nx, ny), step of the last removal near a square
+
+
+@kernel
+def watch_all(n, shape):
+    """All particles are looked at in step 0; the surface has squares of this `shape`."""
+    w = Watch(
+        np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
+        np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(shape, -1),
+    )  # fmt: skip
     for i in range(n):
-        insert(due, after, before, first, i, 0)
-    return due, after, before, first
+        insert(w.due, w.after, w.before, w.first, i, 0)
+    return w
 
 
 @inlined
