@@ -51,7 +51,7 @@ from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
 from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLOWEST, P, wrap
 
-loop = numba.njit(cache=True, error_model='numpy', nogil=True, fastmath={'arcp','contract','nsz'})
+loop = numba.njit(cache=True, error_model='numpy', nogil=True, fastmath={'arcp','contract','nsz'}, _nrt=False)
 AHEAD = 32  # steps for which the surroundings of a particle are searched
 
 
@@ -100,9 +100,8 @@ def record_pair(model, dt, time, pad_height, s, i, j, out):
 
 
 @kernel
-def record_pad(model, numerics, time, pad_height, descent, n, s, rows, row):
+def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row):
     """Fill a ledger row for each impact on the pad that is worth one; return the next free row."""
-    velocity = np.empty(3)
     for i in range(n):
         approach = s.vz[i] + descent
         if s.z[i] + s.radius[i] <= pad_height or approach <= 0.0 or approach < numerics.ledger_speed:
@@ -120,9 +119,8 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, rows, row):
 
 
 @kernel
-def strike(model, dt, time, pad_height, heights, s, i, hit, rows, row):
+def strike(model, dt, time, pad_height, heights, s, i, hit, position, velocity, rows, row):
     """Fill ledger row `row` with the impact of particle i on the surface."""
-    position, velocity = np.empty(3), np.empty(3)
     position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
     velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
     strike_surface(
@@ -184,7 +182,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     lists = lists_of(np.empty((0, 2), np.int64))
     scratch = Scratch(
         np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.full(n, -1), np.zeros(n),
-        np.empty((n, 6)),
+        np.empty((n, 6)), np.empty(3), np.empty(3),
     )  # fmt: skip
     run = np.zeros(len(R))
     run[R.left], run[R.spent] = -1.0, math.inf
@@ -210,6 +208,8 @@ class Scratch(NamedTuple):
     special_step: np.ndarray  # (N,)
     gained: np.ndarray  # (N,), mass picked up, kg
     kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
+    position: np.ndarray  # (3,), of one particle
+    velocity: np.ndarray  # (3,)
 
 
 @loop
@@ -232,6 +232,7 @@ def march(
     hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
     touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
     special_step, gained, kept = scratch.special_step, scratch.gained, scratch.kept
+    position, velocity = scratch.position, scratch.velocity
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
     half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
     half_z = 0.5 * model.length_z if model.length_z > 0.0 else math.inf
@@ -319,7 +320,10 @@ def march(
                     )  # fmt: skip
                     until[i], looked[i], looked_x[i] = step + others, step, x[i]
                 if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
-                    strike(model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), rows, row)
+                    strike(
+                        model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), position,
+                        velocity, rows, row,
+                    )  # fmt: skip
                     normal = rows[row, col.NORMAL_IMPULSE]
                     jx[i] += normal * nx
                     jy[i] += normal * ny
@@ -410,7 +414,7 @@ def march(
         # the pad, of those in contact; their velocities before drag
         if model.has_pad and numerics.ledger_speed <= speed + descent:
             if fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed) > 0.0:
-                row = record_pad(model, numerics, time, pad_height, descent, n, s, rows, row)
+                row = record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row)
         if some_nonlinear > 0:
             for i in range(n):
                 if nonlinear[i] and special_step[i] != step:
