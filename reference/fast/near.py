@@ -14,8 +14,10 @@ import numpy as np
 
 from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus
+from reference.fast.sweep import vectorised
 from reference.neighbors import minimum_image, neighbor_pairs
 
+FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
 
 
@@ -53,15 +55,45 @@ def lists_of(wide):
     )  # fmt: skip
 
 
+@vectorised
+def squares_from(x, y, z, i, length_x, length_y, length_z, half_x, half_y, half_z, square):
+    """Squared distances, to the nearest image, of particle i from the ones after it, into `square`."""
+    for j in range(i + 1, square.size):
+        dx, dy, dz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
+        dx = dx - length_x if dx > half_x else (dx + length_x if dx < -half_x else dx)
+        dy = dy - length_y if dy > half_y else (dy + length_y if dy < -half_y else dy)
+        dz = dz - length_z if dz > half_z else (dz + length_z if dz < -half_z else dz)
+        square[j] = dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def pairs_of_few(s, n, cutoff, periods):
+    """As `neighbor_pairs`, by looking at all pairs: with few particles vector instructions beat cells."""
+    halves = np.where(periods > 0.0, 0.5 * periods, math.inf)
+    square = np.empty(n)
+    pairs, found = np.empty((n * (n - 1) // 2, 2), np.int64), 0
+    for i in range(n):
+        squares_from(
+            s.x, s.y, s.z, i, periods[0], periods[1], periods[2], halves[0], halves[1], halves[2], square
+        )
+        for j in range(i + 1, n):
+            if square[j] < cutoff * cutoff:
+                pairs[found, 0], pairs[found, 1] = i, j
+                found += 1
+    return pairs[:found]
+
+
 @kernel
 def list_wide(s, largest, periods, origin):
     """All pairs (P, 2) closer than the largest diameter and the wide skin; positions go to `origin`."""
-    n = origin.x.shape[0]
+    n, cutoff = origin.x.shape[0], (1.0 + WIDE) * largest
     position = np.empty((n, 3))
     for i in range(n):
         position[i, 0], position[i, 1], position[i, 2] = s.x[i], s.y[i], s.z[i]
         origin.x[i], origin.y[i], origin.z[i] = position[i]
-    return neighbor_pairs(position, (1.0 + WIDE) * largest, periods)
+    if n <= FEW:
+        return pairs_of_few(s, n, cutoff, periods)
+    return neighbor_pairs(position, cutoff, periods)
 
 
 @kernel
