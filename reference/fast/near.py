@@ -35,6 +35,7 @@ class Lists(NamedTuple):
     wide: np.ndarray  # (P, 2), particles
     narrow: np.ndarray  # (P, 2), particles of those that are nearly touching
     rigid: np.ndarray  # (P,), their R E*^2, m Pa2
+    meeting: np.ndarray  # (P + 1,), indices in `narrow` of those in contact, and room for one that is not
     first: np.ndarray  # (P,), particles of those in contact
     second: np.ndarray  # (P,)
     contact: np.ndarray  # (P, 11): n_ij, v_ij, relative acceleration, m*, separation speed
@@ -50,8 +51,8 @@ def lists_of(wide):
     p = wide.shape[0]
     hertz, duration = np.empty(p), np.empty(p)
     return Lists(
-        wide, np.empty((p, 2), np.int64), np.empty(p), np.empty(p, np.int64), np.empty(p, np.int64),
-        np.empty((p, 11)), hertz, hertz.view(np.int64), duration, duration.view(np.int64),
+        wide, np.empty((p, 2), np.int64), np.empty(p), np.empty(p + 1, np.int64), np.empty(p, np.int64),
+        np.empty(p, np.int64), np.empty((p, 11)), hertz, hertz.view(np.int64), duration, duration.view(np.int64),
     )  # fmt: skip
 
 

@@ -228,7 +228,7 @@ def march(
     renewed, nonlinear, close, number = w.renewed, w.nonlinear, w.close, w.number
     until, looked, looked_x, changed = w.until, w.looked, w.looked_x, w.changed
     narrow, rigid, first_of, second_of = lists.narrow, lists.rigid, lists.first, lists.second
-    contact, hertz, duration = lists.contact, lists.hertz, lists.duration
+    contact, hertz, duration, meeting = lists.contact, lists.hertz, lists.duration, lists.meeting
     hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
     touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
     special_step, gained, kept = scratch.special_step, scratch.gained, scratch.kept
@@ -348,21 +348,25 @@ def march(
 
         # contacts of pairs
         met = 0
-        for pair in range(near):
+        for pair in range(near):  # without branches: whether two touch is hard to foretell
             i, j = narrow[pair, 0], narrow[pair, 1]
             dx = nearest_image(x[j] - x[i], model.length_x, half_x)
             dy = nearest_image(y[j] - y[i], model.length_y, half_y)
             dz = nearest_image(z[j] - z[i], model.length_z, half_z)
-            square = dx * dx + dy * dy + dz * dz
             reach = radius[i] + radius[j]
-            if square >= reach * reach or square == 0.0:
-                continue
-            distance = math.sqrt(square)
+            closing = (vx[j] - vx[i]) * dx + (vy[j] - vy[i]) * dy + (vz[j] - vz[i]) * dz
+            meeting[met] = pair
+            met += int((dx * dx + dy * dy + dz * dz < reach * reach) & (closing < 0.0))
+        for k in range(met):
+            pair = meeting[k]
+            i, j = narrow[pair, 0], narrow[pair, 1]
+            dx = nearest_image(x[j] - x[i], model.length_x, half_x)
+            dy = nearest_image(y[j] - y[i], model.length_y, half_y)
+            dz = nearest_image(z[j] - z[i], model.length_z, half_z)
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
             nx, ny, nz = dx / distance, dy / distance, dz / distance
             wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
             separation = wx * nx + wy * ny + wz * nz
-            if separation >= 0.0:
-                continue
             ax, ay, az = acceleration(
                 model, nonlinear[i], shear, pad_height, drag[i], mass[i], radius[i], z[i], vx[i], vy[i], vz[i]
             )
@@ -370,14 +374,12 @@ def march(
                 model, nonlinear[j], shear, pad_height, drag[j], mass[j], radius[j], z[j], vx[j], vy[j], vz[j]
             )
             m_eff = mass[i] * mass[j] / (mass[i] + mass[j])
-            stiffness = rigid[pair]
-            hertz[met] = stiffness * -separation / (m_eff * m_eff)
-            first_of[met], second_of[met] = i, j
-            contact[met, 0], contact[met, 1], contact[met, 2] = nx, ny, nz
-            contact[met, 3], contact[met, 4], contact[met, 5] = wx, wy, wz
-            contact[met, 6], contact[met, 7], contact[met, 8] = ax - bx, ay - by, az - bz
-            contact[met, 9], contact[met, 10] = m_eff, separation
-            met += 1
+            hertz[k] = -rigid[pair] * separation / (m_eff * m_eff)
+            first_of[k], second_of[k] = i, j
+            contact[k, 0], contact[k, 1], contact[k, 2] = nx, ny, nz
+            contact[k, 3], contact[k, 4], contact[k, 5] = wx, wy, wz
+            contact[k, 6], contact[k, 7], contact[k, 8] = ax - bx, ay - by, az - bz
+            contact[k, 9], contact[k, 10] = m_eff, separation
         if model.impact_duration > 0.0:
             for k in range(met):
                 duration[k] = model.impact_duration
