@@ -68,18 +68,20 @@ def removing_of_model(model: Model) -> Removing | None:
 def balances(run: Run, removing: Removing | None = None) -> list[Balance]:
     """The balances of a run between its first and its last record; `removing` is by default its case's.
 
-    They are energy and momentum_x, y, z; mass; removed_mass and volume where there is a removable surface.
+    They are energy and momentum_x, y, z, unless the stepper was the fast one; mass; removed_mass and volume where there is a removable surface.
     Runs of other engines do not record what they need: there the list is empty.
     """
     if not set(SUMS) <= set(run.history.columns) or run.history.empty:
         return []
     removing = removing or removing_of_case(run.case)
     first, last = run.history.iloc[0], run.history.iloc[-1]
-    found = [
-        _energy(run, first, last),
-        *(_momentum(run, first, last, axis) for axis in "xyz"),
-        _mass(run, last, removing),
-    ]
+    found = [_mass(run, last, removing)]
+    if run.case.numerics.stepper == "plain":  # the fast one keeps no books of what the fluid gives
+        found = [
+            _energy(run, first, last),
+            *(_momentum(run, first, last, axis) for axis in "xyz"),
+            *found,
+        ]
     if removing is not None and run.surface is not None:
         found += [_removed_mass(last, removing), _volume(run, last, removing)]
     return found
@@ -140,7 +142,7 @@ def _remarks(run: Run) -> list[str]:
     """What the balances tell a user about the run."""
     if not run.provenance["balances"]:
         return []
-    remarks, share = [], simultaneous_share(run)
+    remarks, share = [], simultaneous_share(run) if run.case.numerics.stepper == "plain" else 0.0
     if share > SIMULTANEOUS_SHARE:
         remarks.append(
             f"{share:.1%} of the energy dissipated in contacts is of particles with several contacts at "

@@ -134,6 +134,10 @@ def _check_numerics(case: Case) -> None:
     step = case.numerics.time_step
     if step is not None and step > case.case.duration:
         raise Refusal(("numerics", "time_step"), step, f"allowed: <= case.duration, {case.case.duration:g} s")
+    if case.numerics.stepper == "fast" and case.numerics.scheme == "fixed_point":
+        raise Refusal(
+            ("numerics", "stepper"), "fast", "takes steps of scheme = 'point_implicit'; allowed: 'plain'"
+        )
     if case.removal is not None and case.removal.new_contacts_only and case.numerics.scheme == "fixed_point":
         raise Refusal(
             ("removal", "new_contacts_only"),

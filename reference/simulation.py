@@ -17,6 +17,7 @@ import pandas as pd
 from reference.balances import close_books, removing_of_model
 from reference.case import Case
 from reference.checkpoint import Checkpoint, Saved, finished_run
+from reference.fast.stepper import BOOKED, advance_fast
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
@@ -153,7 +154,7 @@ def _advance_to(recorder: _Recorder, t_end: float) -> None:
     while True:
         left = int(first + steps - scalars[P.steps])
         before = scalars[P.steps]
-        status = advance(
+        status = recorder.advance(
             setup.model,
             recorder.numerics,
             scalars,
@@ -194,6 +195,7 @@ class _Recorder:
             iterated_contacts=part.contacts == "iterated",
             ledger_speed=part.ledger_speed,
         )
+        self.advance = advance_fast if part.stepper == "fast" else advance
         self.scalars = np.zeros(len(P))
         self.scalars[P.step], self.scalars[P.pad_height] = setup.time_step, setup.state.pad_height
         self.rows = empty_ledger(LEDGER_ROWS)
@@ -208,7 +210,7 @@ class _Recorder:
     def start_clock(self) -> float:
         """Begin to count wall-clock time, s, when the kernel is compiled: no step is enough for that."""
         now = self.scalars[P.time]
-        advance(
+        self.advance(
             self.setup.model, self.numerics, self.scalars, now, 0,
             self.state.particles, self.state.heights, self.rows,
         )  # fmt: skip
@@ -228,7 +230,9 @@ class _Recorder:
         self.frames.append((state.time, state.position.copy(), state.velocity.copy(), state.mass.copy()))
         volume, mass = self.scalars[P.removed_volume], self.scalars[P.removed_mass]
         row = history_row(state.time, state, self.setup.state.heights, volume, mass, self.setup.case.cost)
-        self.history.append(row | {name: float(self.scalars[getattr(P, name)]) for name in SUMS})
+        booked = SUMS if self.advance is advance else BOOKED
+        sums = {name: float(self.scalars[getattr(P, name)]) for name in booked}
+        self.history.append(row | dict.fromkeys(SUMS, math.nan) | sums)
 
     @property
     def wall_time(self) -> float:

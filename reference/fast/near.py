@@ -21,6 +21,16 @@ FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
 
 
+@inlined
+def nearest_image(distance, period, half):
+    """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
+    if distance > half:
+        return distance - period
+    if distance < -half:
+        return distance + period
+    return distance
+
+
 class Origin(NamedTuple):
     """Where particles were when the wide list was made."""
 

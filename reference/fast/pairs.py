@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 
+from reference.collisions import drag_on
 from reference.compiled import inlined
 from reference.contact import HERTZ
 from reference.fast.sweep import vectorised
+from reference.state import FLOW_COUETTE
 
 # bits(q^(-1/5)) is nearly this minus bits(q)/5, within 3.2 %; each of Newton's steps takes e to 3 e^2
 ROOT_BITS = int((1.2 * 1023 - 0.059) * 2.0**52)
@@ -34,7 +36,21 @@ def hertz_durations(q, bits, result, guess, count):
 
 @inlined
 def impulse_on_first(
-    restitution, static_friction, dynamic_friction, m_eff, within, separation, nx, ny, nz, vx, vy, vz, ax, ay, az
+    restitution,
+    static_friction,
+    dynamic_friction,
+    m_eff,
+    within,
+    separation,
+    nx,
+    ny,
+    nz,
+    vx,
+    vy,
+    vz,
+    ax,
+    ay,
+    az,
 ):
     """Impulse (three components, N s) that particle i receives from j.
 
@@ -51,3 +67,15 @@ def impulse_on_first(
     if m_eff * slip > static_friction * normal:
         factor = dynamic_friction * normal / slip
     return factor * wx - normal * nx, factor * wy - normal * ny, factor * wz - normal * nz
+
+
+@inlined
+def acceleration(model, nonlinear, shear, pad_height, drag, mass, radius, z, vx, vy, vz):
+    """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2."""
+    if nonlinear:
+        ex, ey, ez = drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
+        return ex / mass, ey / mass, ez / mass
+    rate = drag / mass
+    if model.flow == FLOW_COUETTE:
+        return rate * (shear * z - vx), -rate * vy, -rate * vz
+    return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)

@@ -13,16 +13,10 @@ import numba
 import numpy as np
 
 from reference import ledger as col
-from reference.collisions import (
-    commit_removal,
-    drag_on,
-    impact_energy_lost,
-    pair_impulse,
-    record_pair_contact,
-    strike_surface,
-)
-from reference.compiled import inlined, kernel
-from reference.contact import effective_modulus, surface_normal_impulse
+from reference.collisions import commit_removal
+from reference.compiled import kernel
+from reference.contact import surface_normal_impulse
+from reference.fast.events import book_removals, mark, record_pad, record_pair, strike
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -33,9 +27,10 @@ from reference.fast.near import (
     list_wide,
     lists_of,
     mean,
+    nearest_image,
 )
-from reference.fast.pairs import hertz_durations, impulse_on_first
-from reference.fast.swarm import adapt, bring_back, swarm_of
+from reference.fast.pairs import acceleration, hertz_durations, impulse_on_first
+from reference.fast.swarm import adapt, bring_back, scratch_of, swarm_of
 from reference.fast.sweep import (
     fast_on_pad,
     glide_along,
@@ -44,112 +39,20 @@ from reference.fast.sweep import (
     glide_upright,
     wrap_upright,
 )
-from reference.fast.watch import MARGIN, HORIZON, insert, look, look_closely, remove, velocity_box, watch_all
-from reference.neighbors import minimum_image
+from reference.fast.watch import HORIZON, MARGIN, insert, look, look_closely, remove, velocity_box, watch_all
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
 from reference.state import FLOW_COUETTE
 from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLOWEST, P, wrap
 
-loop = numba.njit(cache=True, error_model='numpy', nogil=True, fastmath={'arcp','contract','nsz'}, _nrt=False)
 AHEAD = 32  # steps for which the surroundings of a particle are searched
-
-
-@inlined
-def nearest_image(distance, period, half):
-    """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
-    if distance > half:
-        return distance - period
-    if distance < -half:
-        return distance + period
-    return distance
-
-
-@inlined
-def acceleration(model, nonlinear, shear, pad_height, drag, mass, radius, z, vx, vy, vz):
-    """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2."""
-    if nonlinear:
-        ex, ey, ez = drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
-        return ex / mass, ey / mass, ez / mass
-    rate = drag / mass
-    if model.flow == FLOW_COUETTE:
-        return rate * (shear * z - vx), -rate * vy, -rate * vz
-    return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)
-
-
-@kernel
-def record_pair(model, dt, time, pad_height, s, i, j, out):
-    """Fill ledger row `out` with the contact of particles i and j."""
-    dx = minimum_image(s.x[j] - s.x[i], model.length_x)
-    dy = minimum_image(s.y[j] - s.y[i], model.length_y)
-    dz = minimum_image(s.z[j] - s.z[i], model.length_z)
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    nx, ny, nz = dx / distance, dy / distance, dz / distance
-    vx, vy, vz = s.vx[j] - s.vx[i], s.vy[j] - s.vy[i], s.vz[j] - s.vz[i]
-    separation = vx * nx + vy * ny + vz * nz
-    on_i = drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
-    on_j = drag_on(model, pad_height, s.z[j], s.vx[j], s.vy[j], s.vz[j], 2.0 * s.radius[j])
-    _, _, _, normal, friction, lost, duration, within, external = pair_impulse(
-        model, dt, s.mass[i], s.mass[j], 2.0 * s.radius[i], 2.0 * s.radius[j],
-        effective_modulus(s.modulus[i], s.modulus[j]), (nx, ny, nz), (vx, vy, vz), separation, on_i, on_j,
-    )  # fmt: skip
-    touch = (s.x[i] + s.radius[i] * nx, s.y[i] + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
-    record_pair_contact(
-        time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, within, external, out
-    )
-
-
-@kernel
-def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row):
-    """Fill a ledger row for each impact on the pad that is worth one; return the next free row."""
-    for i in range(n):
-        approach = s.vz[i] + descent
-        if s.z[i] + s.radius[i] <= pad_height or approach <= 0.0 or approach < numerics.ledger_speed:
-            continue
-        velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
-        normal = surface_normal_impulse(s.mass[i], -approach, model.pad_restitution)
-        out = rows[row]
-        out[:] = 0.0
-        out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
-        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = s.x[i], s.y[i], pad_height, -1.0
-        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach, normal
-        out[col.ENERGY_LOST] = impact_energy_lost(s.mass[i], 0.0, velocity, -velocity[2], normal)
-        row += 1
-    return row
-
-
-@kernel
-def strike(model, dt, time, pad_height, heights, s, i, hit, position, velocity, rows, row):
-    """Fill ledger row `row` with the impact of particle i on the surface."""
-    position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
-    velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
-    strike_surface(
-        model, dt, time, pad_height, i, hit, position, velocity, s.mass[i], 2.0 * s.radius[i], s.modulus[i],
-        heights, rows[row],
-    )  # fmt: skip
-
-
-@kernel
-def mark(changed, spacing, x, y, reach, step):
-    """Note `step` in all squares within `reach` squares of the one at (x, y), whose nodes have fallen."""
-    i, j = math.floor(x / spacing), math.floor(y / spacing)
-    for a in range(i - reach, i + reach + 1):
-        for b in range(j - reach, j + reach + 1):
-            changed[a % changed.shape[0], b % changed.shape[1]] = step
-
-
-@kernel
-def book_removals(progress, rows, first, last):
-    """Add the removals of ledger rows first ... last - 1 to the sums of the run."""
-    for k in range(first, last):
-        if rows[k, col.REMOVED_VOLUME] > 0.0:
-            progress[P.removals] += 1
-            progress[P.removed_volume] += rows[k, col.REMOVED_VOLUME]
-            progress[P.removed_mass] += rows[k, col.REMOVED_MASS]
-            progress[P.depth_sum] += rows[k, col.DEPTH]
-
-
-RELIST = -1  # the wide list of pairs has to be made anew
+BOOKED = ("contacts", "removals", "removed_volume", "removed_mass", "depth_sum")  # of the sums of a run
+RELIST = -1  # status: the wide list of pairs has to be made anew
+# Divisions by one number may share its reciprocal.  No array is made in the loop, so that no references need be
+# counted: that alone took a fifth of the time.
+loop = numba.njit(
+    cache=True, error_model="numpy", nogil=True, fastmath={"arcp", "contract", "nsz"}, _nrt=False
+)
 
 
 class Run(NamedTuple):
@@ -180,10 +83,7 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     largest = p.diameter.max() if n > 0 else 0.0
     origin = Origin(np.empty(n), np.empty(n), np.empty(n))
     lists = lists_of(np.empty((0, 2), np.int64))
-    scratch = Scratch(
-        np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.full(n, -1), np.zeros(n),
-        np.empty((n, 6)), np.empty(3), np.empty(3),
-    )  # fmt: skip
+    scratch = scratch_of(n)
     run = np.zeros(len(R))
     run[R.left], run[R.spent] = -1.0, math.inf
     while True:
@@ -197,19 +97,6 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         run[R.spent], run[R.fresh] = 0.0, 1.0
     bring_back(s, p)
     return status
-
-
-class Scratch(NamedTuple):
-    """Who takes part in a step, for N particles."""
-
-    touched: np.ndarray  # (N,), particles in contact with others or the surface
-    touch_step: np.ndarray  # (N,), the last step in which one was
-    special: np.ndarray  # (N,), particles that are solved by themselves
-    special_step: np.ndarray  # (N,)
-    gained: np.ndarray  # (N,), mass picked up, kg
-    kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
-    position: np.ndarray  # (3,), of one particle
-    velocity: np.ndarray  # (3,)
 
 
 @loop
@@ -226,7 +113,7 @@ def march(
     drag, yielding, under_pad, jx, jy, jz = s.drag, s.yielding, s.under_pad, s.jx, s.jy, s.jz
     due, after, before, first, box = w.due, w.after, w.before, w.first, w.box
     renewed, nonlinear, close, number = w.renewed, w.nonlinear, w.close, w.number
-    until, looked, looked_x, changed = w.until, w.looked, w.looked_x, w.changed
+    until, looked, changed, looked_x, looked_y = w.until, w.looked, w.changed, w.looked_x, w.looked_y
     narrow, rigid, first_of, second_of = lists.narrow, lists.rigid, lists.first, lists.second
     contact, hertz, duration, meeting = lists.contact, lists.hertz, lists.duration, lists.meeting
     hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
@@ -247,6 +134,8 @@ def march(
     couette = model.flow == FLOW_COUETTE
     flow_x, flow_y, flow_z = (0.0, 0.0, 0.0) if couette else (model.flow_x, model.flow_y, model.flow_z)
     slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
+    crossing = min(2.0 * half_x, 2.0 * half_y)
+    crossing_z = 2.0 * half_z
     pad_height = progress[P.pad_height]
     status, step, row = DONE, int(run[R.step]), int(progress[P.rows])
     begin_step = step
@@ -301,13 +190,18 @@ def march(
                 one = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
                 speed = max(speed, one)
                 above = 4.0 * radius[i] * radius[i] * slip > slip_limit
+                # nor can the sweep wrap a particle that crosses the box in one step
+                above = above or dt * max(x_high, -x_low, y_high, -y_low) >= crossing
+                above = above or dt * max(z_high, -z_low) >= crossing_z
                 if above != nonlinear[i]:
                     nonlinear[i] = above
                     some_nonlinear += 1 if above else -1
             steps = AHEAD
             if model.has_surface:
-                here = changed[int(x[i] / model.spacing), int(y[i] / model.spacing)]
-                if again and step <= until[i] and here < looked[i] and abs(x[i] - looked_x[i]) < half_x:
+                a = min(int(x[i] / model.spacing), changed.shape[0] - 1)
+                b = min(int(y[i] / model.spacing), changed.shape[1] - 1)
+                again = again and step <= until[i] and changed[a, b] < looked[i]
+                if again and abs(x[i] - looked_x[i]) < half_x and abs(y[i] - looked_y[i]) < half_y:
                     touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
                         heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
@@ -318,7 +212,7 @@ def march(
                         heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
                     )  # fmt: skip
-                    until[i], looked[i], looked_x[i] = step + others, step, x[i]
+                    until[i], looked[i], looked_x[i], looked_y[i] = step + others, step, x[i], y[i]
                 if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
                     strike(
                         model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), position,
@@ -465,7 +359,10 @@ def march(
                 model, numerics.tolerance, dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],
                 mass[i], gained[i], jx[i], jy[i], jz[i] - pushed, 2.0 * radius[i],
             )  # fmt: skip
-            if not solved:
+            if not math.isfinite(wx + wy + wz):
+                status = NOT_FINITE
+                progress[P.culprit] = i
+            elif not solved:
                 status = NOT_CONVERGED
                 progress[P.culprit] = i
             if gained[i] > 0.0:
@@ -484,10 +381,12 @@ def march(
             inside_x = box[i, 0] <= vx[i] and vx[i] <= box[i, 1]
             inside_y = box[i, 2] <= vy[i] and vy[i] <= box[i, 3]
             inside_z = box[i, 4] <= vz[i] and vz[i] <= box[i, 5]
-            if not (inside_x and inside_y and inside_z):
+            if not (inside_x and inside_y and inside_z) and status == DONE:
                 if due[i] != step + 1:
                     remove(due, after, before, first, i)
                     insert(due, after, before, first, i, step + 1)
+                x[i], y[i] = wrap(x[i], model.length_x), wrap(y[i], model.length_y)
+                z[i] = wrap(z[i], model.length_z)
                 left -= 2.0 * dt * math.sqrt((vx[i] - mean_x) ** 2 + (vy[i] - mean_y) ** 2 + vz[i] ** 2)
                 if not math.isfinite(x[i] + y[i] + z[i] + vx[i] + vy[i] + vz[i]):
                     status = NOT_FINITE

@@ -25,7 +25,9 @@ from reference.triangle import closest_point_on_triangle
 HORIZON = 64  # steps, after which every particle is looked at
 CLOSE, MOST_CLOSE = 8, 8  # steps, and how many triangles a particle has that may be touched within them
 SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off
-MARGIN = 0.01  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
+MARGIN = (
+    0.01  # of the flow's speed, by which a box is wider than it must be, so that small contacts stay in it
+)
 
 
 class Watch(NamedTuple):
@@ -43,6 +45,7 @@ class Watch(NamedTuple):
     until: np.ndarray  # (N,), step until which no other triangle can be touched
     looked: np.ndarray  # (N,), step in which the close triangles were found
     looked_x: np.ndarray  # (N,), and where, m
+    looked_y: np.ndarray  # (N,)
     changed: np.ndarray  # (nx, ny), step of the last removal near a square
 
 
@@ -52,7 +55,8 @@ def watch_all(n, shape):
     w = Watch(
         np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
         np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int64),
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(shape, -1),
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
+        np.full(shape, -1),
     )  # fmt: skip
     for i in range(n):
         insert(w.due, w.after, w.before, w.first, i, 0)
@@ -100,7 +104,7 @@ def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
 
 @inlined
 def velocity_box(model, dt, pad_height, margin, drag, z, vx, vy, vz):
-    """Bounds of a particle's velocity: (x low, x high, y low, y high, z low, z high) in m/s, and of its slip^2.
+    """Bounds of a velocity: (x low, x high, y low, y high, z low, z high) in m/s, and the largest slip^2.
 
     They hold until it is looked at again, if only fluid and pad act on it; `drag` is 0 where no fluid does.
     """
@@ -118,7 +122,11 @@ def velocity_box(model, dt, pad_height, margin, drag, z, vx, vy, vz):
         u_low, u_high = vx, vx
     x_low, x_high = min(vx, u_low) - margin, max(vx, u_high) + margin
     y_low, y_high = min(vy, uy) - margin, max(vy, uy) + margin
-    sx, sy, sz = max(x_high - u_low, u_high - x_low), max(y_high - uy, uy - y_low), max(z_high - uz, uz - z_low)
+    sx, sy, sz = (
+        max(x_high - u_low, u_high - x_low),
+        max(y_high - uy, uy - y_low),
+        max(z_high - uz, uz - z_low),
+    )
     return x_low, x_high, y_low, y_high, z_low, z_high, sx * sx + sy * sy + sz * sz
 
 
@@ -142,7 +150,7 @@ def around(index, count):
 
 @inlined
 def steps_to_triangle(dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon):
-    """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz) from its centre."""
+    """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz)."""
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     speed = max(-dx * x_low, -dx * x_high) + max(-dy * y_low, -dy * y_high) + max(-dz * z_low, -dz * z_high)
     return steps_until(distance - radius, speed / distance, dt, horizon)
@@ -164,7 +172,22 @@ def closest_of_triangle(z_nodes, spacing, i, j, side, x, y, z):
 
 @inlined
 def look(
-    z_nodes, spacing, dt, k, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon, close,
+    z_nodes,
+    spacing,
+    dt,
+    k,
+    x,
+    y,
+    z,
+    radius,
+    x_low,
+    x_high,
+    y_low,
+    y_high,
+    z_low,
+    z_high,
+    horizon,
+    close,
     number,
 ):
     """Look for the surface around particle k: (touching, nx, ny, nz, qx, qy, qz, steps, others).
@@ -182,9 +205,7 @@ def look(
     up, down = way * max(y_high, 0.0), way * max(-y_low, 0.0)
     sink = dt * max(-z_low, 0.0)
     square = radius * radius
-    for i in range(
-        math.floor((x - radius - left) / spacing), math.floor((x + radius + right) / spacing) + 1
-    ):
+    for i in range(math.floor((x - radius - left) / spacing), math.floor((x + radius + right) / spacing) + 1):
         x0, x1 = i * spacing, (i + 1) * spacing
         i0 = around(i, n_x)
         i1 = i0 + 1 if i0 + 1 < n_x else 0
@@ -247,7 +268,22 @@ def look(
 
 @inlined
 def look_closely(
-    z_nodes, spacing, dt, k, x, y, z, radius, x_low, x_high, y_low, y_high, z_low, z_high, horizon, close,
+    z_nodes,
+    spacing,
+    dt,
+    k,
+    x,
+    y,
+    z,
+    radius,
+    x_low,
+    x_high,
+    y_low,
+    y_high,
+    z_low,
+    z_high,
+    horizon,
+    close,
     number,
 ):
     """Look at the close triangles of particle k alone: (touching, nx, ny, nz, qx, qy, qz, steps)."""
@@ -255,7 +291,9 @@ def look_closely(
     best, qx, qy, qz = square, 0.0, 0.0, 0.0
     touching, steps = False, horizon
     for m in range(number[k]):
-        cx, cy, cz = closest_of_triangle(z_nodes, spacing, close[k, m, 0], close[k, m, 1], close[k, m, 2], x, y, z)
+        cx, cy, cz = closest_of_triangle(
+            z_nodes, spacing, close[k, m, 0], close[k, m, 1], close[k, m, 2], x, y, z
+        )
         dx, dy, dz = x - cx, y - cy, z - cz
         apart = dx * dx + dy * dy + dz * dz
         if apart >= square:

@@ -1,0 +1,94 @@
+"""Single contacts of the fast stepper: strikes on the surface, and the ledger rows of pairs and of the pad.
+
+They are few: what they give is computed by the functions of `collisions.py`.  No array is made here: the loop
+that calls these kernels counts no references.
+"""
+
+from __future__ import annotations
+
+import math
+
+from reference import ledger as col
+from reference.collisions import (
+    drag_on,
+    impact_energy_lost,
+    pair_impulse,
+    record_pair_contact,
+    strike_surface,
+)
+from reference.compiled import kernel
+from reference.contact import effective_modulus, surface_normal_impulse
+from reference.neighbors import minimum_image
+from reference.timestep import P
+
+
+@kernel
+def record_pair(model, dt, time, pad_height, s, i, j, out):
+    """Fill ledger row `out` with the contact of particles i and j."""
+    dx = minimum_image(s.x[j] - s.x[i], model.length_x)
+    dy = minimum_image(s.y[j] - s.y[i], model.length_y)
+    dz = minimum_image(s.z[j] - s.z[i], model.length_z)
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    nx, ny, nz = dx / distance, dy / distance, dz / distance
+    vx, vy, vz = s.vx[j] - s.vx[i], s.vy[j] - s.vy[i], s.vz[j] - s.vz[i]
+    separation = vx * nx + vy * ny + vz * nz
+    on_i = drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
+    on_j = drag_on(model, pad_height, s.z[j], s.vx[j], s.vy[j], s.vz[j], 2.0 * s.radius[j])
+    _, _, _, normal, friction, lost, duration, within, external = pair_impulse(
+        model, dt, s.mass[i], s.mass[j], 2.0 * s.radius[i], 2.0 * s.radius[j],
+        effective_modulus(s.modulus[i], s.modulus[j]), (nx, ny, nz), (vx, vy, vz), separation, on_i, on_j,
+    )  # fmt: skip
+    touch = (s.x[i] + s.radius[i] * nx, s.y[i] + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
+    record_pair_contact(
+        time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, within, external, out
+    )
+
+
+@kernel
+def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row):
+    """Fill a ledger row for each impact on the pad that is worth one; return the next free row."""
+    for i in range(n):
+        approach = s.vz[i] + descent
+        if s.z[i] + s.radius[i] <= pad_height or approach <= 0.0 or approach < numerics.ledger_speed:
+            continue
+        velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
+        normal = surface_normal_impulse(s.mass[i], -approach, model.pad_restitution)
+        out = rows[row]
+        out[:] = 0.0
+        out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
+        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = s.x[i], s.y[i], pad_height, -1.0
+        out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach, normal
+        out[col.ENERGY_LOST] = impact_energy_lost(s.mass[i], 0.0, velocity, -velocity[2], normal)
+        row += 1
+    return row
+
+
+@kernel
+def strike(model, dt, time, pad_height, heights, s, i, hit, position, velocity, rows, row):
+    """Fill ledger row `row` with the impact of particle i on the surface."""
+    position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
+    velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
+    strike_surface(
+        model, dt, time, pad_height, i, hit, position, velocity, s.mass[i], 2.0 * s.radius[i], s.modulus[i],
+        heights, rows[row],
+    )  # fmt: skip
+
+
+@kernel
+def mark(changed, spacing, x, y, reach, step):
+    """Note `step` in all squares within `reach` squares of the one at (x, y), whose nodes have fallen."""
+    i, j = math.floor(x / spacing), math.floor(y / spacing)
+    for a in range(i - reach, i + reach + 1):
+        for b in range(j - reach, j + reach + 1):
+            changed[a % changed.shape[0], b % changed.shape[1]] = step
+
+
+@kernel
+def book_removals(progress, rows, first, last):
+    """Add the removals of ledger rows first ... last - 1 to the sums of the run."""
+    for k in range(first, last):
+        if rows[k, col.REMOVED_VOLUME] > 0.0:
+            progress[P.removals] += 1
+            progress[P.removed_volume] += rows[k, col.REMOVED_VOLUME]
+            progress[P.removed_mass] += rows[k, col.REMOVED_MASS]
+            progress[P.depth_sum] += rows[k, col.DEPTH]
