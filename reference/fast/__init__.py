@@ -1,4 +1,4 @@
-"""The second stepper: the same equations as `timestep.py`, with what can be skipped left out (`stepper = "fast"`).
+"""The second stepper, `stepper = "fast"`: the steps of `timestep.py`, without what can be left out.
 
 `timestep.py` is the answer key: it looks at every particle at every step.  Here particles are kept as one
 array per component, so that drag and motion are short loops that the compiler turns into vector instructions

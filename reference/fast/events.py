@@ -84,11 +84,15 @@ def mark(changed, spacing, x, y, reach, step):
 
 
 @kernel
-def book_removals(progress, rows, first, last):
-    """Add the removals of ledger rows first ... last - 1 to the sums of the run."""
-    for k in range(first, last):
-        if rows[k, col.REMOVED_VOLUME] > 0.0:
+def book_removals(progress, lost, rows, first, last):
+    """Add the removals of ledger rows first ... last - 1 to the sums of the run, compensated (Kahan)."""
+    for row in range(first, last):
+        if rows[row, col.REMOVED_VOLUME] > 0.0:
             progress[P.removals] += 1
-            progress[P.removed_volume] += rows[k, col.REMOVED_VOLUME]
-            progress[P.removed_mass] += rows[k, col.REMOVED_MASS]
-            progress[P.depth_sum] += rows[k, col.DEPTH]
+            for k in range(3):
+                column = (col.REMOVED_VOLUME, col.REMOVED_MASS, col.DEPTH)[k]
+                total = (P.removed_volume, P.removed_mass, P.depth_sum)[k]
+                term = rows[row, column] - lost[k]
+                summed = progress[total] + term
+                lost[k] = (summed - progress[total]) - term
+                progress[total] = summed

@@ -14,7 +14,7 @@ import numpy as np
 
 from reference import ledger as col
 from reference.collisions import commit_removal
-from reference.compiled import kernel
+from reference.compiled import inlined, kernel
 from reference.contact import surface_normal_impulse
 from reference.fast.events import book_removals, mark, record_pad, record_pair, strike
 from reference.fast.near import (
@@ -99,6 +99,14 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     return status
 
 
+@inlined
+def keep(special, kept, k, i, x, y, z, vx, vy, vz):
+    """Have particle i solved by itself, as number k, from where it is now."""
+    special[k] = i
+    kept[k, 0], kept[k, 1], kept[k, 2] = x[i], y[i], z[i]
+    kept[k, 3], kept[k, 4], kept[k, 5] = vx[i], vy[i], vz[i]
+
+
 @loop
 def march(
     model, numerics, progress, t_start, dt, last_step, largest, periods, s, w, origin, lists, scratch, run,
@@ -118,7 +126,7 @@ def march(
     contact, hertz, duration, meeting = lists.contact, lists.hertz, lists.duration, lists.meeting
     hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
     touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
-    special_step, gained, kept = scratch.special_step, scratch.gained, scratch.kept
+    gained, kept = scratch.gained, scratch.kept
     position, velocity = scratch.position, scratch.velocity
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
     half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
@@ -231,9 +239,6 @@ def march(
                     removes = rows[row, col.REMOVED_VOLUME] > 0.0
                     if removes and model.mass_pickup:
                         gained[i] = rows[row, col.REMOVED_MASS]
-                        special[n_special] = i
-                        special_step[i] = step
-                        n_special += 1
                     if removes or rows[row, col.APPROACH_SPEED] >= numerics.ledger_speed:
                         row += 1
             insert(due, after, before, first, i, step + 1 + steps)
@@ -311,15 +316,6 @@ def march(
         if model.has_pad and numerics.ledger_speed <= speed + descent:
             if fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed) > 0.0:
                 row = record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row)
-        if some_nonlinear > 0:
-            for i in range(n):
-                if nonlinear[i] and special_step[i] != step:
-                    special[n_special] = i
-                    n_special += 1
-        for k in range(n_special):
-            i = special[k]
-            kept[k, 0], kept[k, 1], kept[k, 2] = x[i], y[i], z[i]
-            kept[k, 3], kept[k, 4], kept[k, 5] = vx[i], vy[i], vz[i]
         for k in range(n_touched):
             i = touched[k]
             if model.has_pad:
@@ -327,9 +323,19 @@ def march(
                 if z[i] + radius[i] > pad_height and vz[i] + descent > 0.0:
                     jz[i] -= surface_normal_impulse(mass[i], -(vz[i] + descent), model.pad_restitution)
                     contacts += 1
-            vx[i] += jx[i] / mass[i]
-            vy[i] += jy[i] / mass[i]
-            vz[i] += jz[i] / mass[i]
+            wx, wy, wz = vx[i] + jx[i] / mass[i], vy[i] + jy[i] / mass[i], vz[i] + jz[i] / mass[i]
+            # the contacts may have made it so fast that its drag is not linear, at either end of its way
+            here, there = flow_x + shear * z[i] - wx, flow_x + shear * (z[i] + dt * wz) - wx
+            slip = max(here * here, there * there) + (flow_y - wy) ** 2 + (flow_z - wz) ** 2
+            if gained[i] > 0.0 or nonlinear[i] or 4.0 * radius[i] * radius[i] * slip > slip_limit:
+                keep(special, kept, n_special, i, x, y, z, vx, vy, vz)
+                n_special += 1
+            vx[i], vy[i], vz[i] = wx, wy, wz
+        if some_nonlinear > 0:
+            for i in range(n):
+                if nonlinear[i] and touch_step[i] != step:
+                    keep(special, kept, n_special, i, x, y, z, vx, vy, vz)
+                    n_special += 1
 
         # drag and motion of all
         if model.has_pad:
@@ -401,7 +407,7 @@ def march(
                 for k in range(begin, struck):
                     if rows[k, col.REMOVED_VOLUME] > 0.0:
                         mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], reach, step)
-            book_removals(progress, rows, begin, struck)
+            book_removals(progress, scratch.lost, rows, begin, struck)
         step += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:

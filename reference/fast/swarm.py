@@ -43,19 +43,19 @@ class Scratch(NamedTuple):
     touched: np.ndarray  # (N,), particles in contact with others or the surface
     touch_step: np.ndarray  # (N,), the last step in which one was
     special: np.ndarray  # (N,), particles that are solved by themselves
-    special_step: np.ndarray  # (N,)
     gained: np.ndarray  # (N,), mass picked up, kg
     kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
     position: np.ndarray  # (3,), of one particle
     velocity: np.ndarray  # (3,)
+    lost: np.ndarray  # (3,), what the last additions to the sums of removals have rounded off
 
 
 @kernel
 def scratch_of(n):
     """Scratch for n particles, none of them in contact."""
     return Scratch(
-        np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.full(n, -1), np.zeros(n),
-        np.empty((n, 6)), np.empty(3), np.empty(3),
+        np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.zeros(n),
+        np.empty((n, 6)), np.empty(3), np.empty(3), np.zeros(3),
     )  # fmt: skip
 
 

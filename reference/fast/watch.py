@@ -1,8 +1,8 @@
 """When a particle has to be looked at again: bounds on how soon it can touch the surface.
 
-A particle is given a box that holds its velocity for as long as nothing but the fluid and the pad act on it:
-the implicit step takes v between v and u, so that the box spans v, the u of the heights that it can reach, and
-what the pad makes of them.  After n steps of dt it is displaced by a vector of n dt times the box.  The
+A particle is given a box that holds its velocity for as long as nothing but the fluid and the pad act on it.
+The implicit step takes v to between v and u: the box spans v, the u of the heights that it can reach, and what
+the pad makes of them.  After n steps of dt it is displaced by a vector of n dt times the box.  The
 distance to a triangle is a convex function of the position, which nowhere lies below its tangent plane:
 d >= d_0 + n.(r - r_0), n the unit vector from the closest point.  With the smallest n.v of the box this gives
 the first step at which a triangle can be touched.  The surface only falls, which never brings it nearer to a
@@ -31,7 +31,7 @@ MARGIN = (
 
 
 class Watch(NamedTuple):
-    """When each of N particles is looked at, as one linked list for each step of a ring, and what is known then."""
+    """When each of N particles is looked at, one linked list for each step of a ring, and what is known."""
 
     due: np.ndarray  # (N,), step
     after: np.ndarray  # (N,), the next particle in the list of the same step, or -1
@@ -89,7 +89,7 @@ def remove(due, after, before, first, i):
 
 @inlined
 def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
-    """Lowest and highest u_x (m/s) that a particle can meet before it is looked at again, from height z (m)."""
+    """Lowest and highest u_x (m/s) that a particle at height z (m) can meet before it is looked at."""
     if model.flow != FLOW_COUETTE:
         return model.flow_x, model.flow_x
     way = HORIZON * dt
