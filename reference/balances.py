@@ -68,7 +68,8 @@ def removing_of_model(model: Model) -> Removing | None:
 def balances(run: Run, removing: Removing | None = None) -> list[Balance]:
     """The balances of a run between its first and its last record; `removing` is by default its case's.
 
-    They are energy and momentum_x, y, z, unless the stepper was the fast one; mass; removed_mass and volume where there is a removable surface.
+    They are energy and momentum_x, y, z, unless the stepper was the fast one; mass; removed_mass and volume
+    where there is a removable surface.
     Runs of other engines do not record what they need: there the list is empty.
     """
     if not set(SUMS) <= set(run.history.columns) or run.history.empty:

@@ -97,7 +97,7 @@ def drag_on_particle(model, pad_height, p, i):
 
 @inlined
 def pair_impulse(model, dt, m_i, m_j, d_i, d_j, modulus, normal_ij, velocity_ij, separation, on_i, on_j):
-    """What particle j gives to i in a contact: (jx, jy, jz, normal, friction, lost, duration, within, external).
+    """What j gives to i in a contact: (jx, jy, jz, normal, friction, lost, duration, within, external).
 
     Paper: Eqs. (9), (12)-(19).  `velocity_ij` = v_j - v_i, of which `separation` < 0 is the part along n_ij;
     `modulus` is E*, `on_i` and `on_j` the drag (N).  Returns impulses in N s, the kinetic energy lost in J,
@@ -252,9 +252,9 @@ def strike_surface(
     )  # fmt: skip
     radius, v_n = 0.5 * diameter, -out[col.APPROACH_SPEED]
     removes = out[col.REMOVED_VOLUME] > 0.0
-    if removes and model.new_contacts_only:
-        if touched_before(heights, model.spacing, position, velocity, dt, radius):
-            out[col.YIELD_RADIUS : col.REMOVED_MASS + 1] = 0.0
+    look_back = removes and model.new_contacts_only
+    if look_back and touched_before(heights, model.spacing, position, velocity, dt, radius):
+        out[col.YIELD_RADIUS : col.REMOVED_MASS + 1] = 0.0
     ext = compression_impulse(out[col.EXTERNAL_FORCE], out[col.DURATION], dt, model.restitution)
     normal = surface_normal_impulse(mass, v_n, model.restitution, ext)
     picked_up = out[col.REMOVED_MASS] if model.mass_pickup else 0.0

@@ -1,4 +1,4 @@
-"""Pairs that may touch, in two lists: those within a wide skin, and of these the ones that are nearly touching.
+"""Pairs that may touch, in two lists: those within a wide skin, and of these the nearly touching.
 
 The wide list holds as long as no particle has left its place, relative to the mean of all, by half of the
 skin that the narrow list leaves; the narrow one as long as boxes of velocities (`watch.py`) keep any two from
@@ -62,7 +62,8 @@ def lists_of(wide):
     hertz, duration = np.empty(p), np.empty(p)
     return Lists(
         wide, np.empty((p, 2), np.int64), np.empty(p), np.empty(p + 1, np.int64), np.empty(p, np.int64),
-        np.empty(p, np.int64), np.empty((p, 11)), hertz, hertz.view(np.int64), duration, duration.view(np.int64),
+        np.empty(p, np.int64), np.empty((p, 11)), hertz, hertz.view(np.int64), duration,
+        duration.view(np.int64),
     )  # fmt: skip
 
 

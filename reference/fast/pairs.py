@@ -20,7 +20,7 @@ ROOT_BITS = int((1.2 * 1023 - 0.059) * 2.0**52)
 
 @vectorised
 def hertz_durations(q, bits, result, guess, count):
-    """Durations 2.87 q^(-1/5) (s) of the first `count` contacts, q = R E*^2 v/m*^2 > 0; see `impact_duration`.
+    """Durations 2.87 q^(-1/5) of the first `count` contacts, q = R E*^2 v/m*^2 > 0: `impact_duration`, s.
 
     `bits` are those of q, seen as integers, `guess` those of `result`: there Newton's iteration starts.
     """

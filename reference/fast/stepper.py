@@ -48,8 +48,8 @@ from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLO
 AHEAD = 32  # steps for which the surroundings of a particle are searched
 BOOKED = ("contacts", "removals", "removed_volume", "removed_mass", "depth_sum")  # of the sums of a run
 RELIST = -1  # status: the wide list of pairs has to be made anew
-# Divisions by one number may share its reciprocal.  No array is made in the loop, so that no references need be
-# counted: that alone took a fifth of the time.
+# Divisions by one number may share its reciprocal.  No array is made in the loop, so that no references need
+# be counted: that alone took a fifth of the time.
 loop = numba.njit(
     cache=True, error_model="numpy", nogil=True, fastmath={"arcp", "contract", "nsz"}, _nrt=False
 )
@@ -313,9 +313,11 @@ def march(
                 row += 1
 
         # the pad, of those in contact; their velocities before drag
+        recorded = 0.0
         if model.has_pad and numerics.ledger_speed <= speed + descent:
-            if fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed) > 0.0:
-                row = record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row)
+            recorded = fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed)
+        if recorded > 0.0:
+            row = record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row)
         for k in range(n_touched):
             i = touched[k]
             if model.has_pad:

@@ -1,8 +1,8 @@
 """When a particle has to be looked at again: bounds on how soon it can touch the surface.
 
 A particle is given a box that holds its velocity for as long as nothing but the fluid and the pad act on it.
-The implicit step takes v to between v and u: the box spans v, the u of the heights that it can reach, and what
-the pad makes of them.  After n steps of dt it is displaced by a vector of n dt times the box.  The
+The implicit step takes v to between v and u: the box spans v, the u of the heights that it can reach, and
+what the pad makes of them.  After n steps of dt it is displaced by a vector of n dt times the box.  The
 distance to a triangle is a convex function of the position, which nowhere lies below its tangent plane:
 d >= d_0 + n.(r - r_0), n the unit vector from the closest point.  With the smallest n.v of the box this gives
 the first step at which a triangle can be touched.  The surface only falls, which never brings it nearer to a
