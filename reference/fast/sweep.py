@@ -1,8 +1,8 @@
 """Drag, motion and pad of all particles, as loops without branches that become vector instructions.
 
 Paper: Eqs. (37)-(39) with Stokes's drag, which is linear and needs no iteration: with the velocity
-s = v + J/m after the step's contacts, v' = s + dt k (u - s)/(m + dt k).  Particles whose drag is not Stokes's,
-or that gain mass, are solved by `schemes.solve_particle` afterwards.
+s = v + J/m after the step's contacts, v' = s + dt k (u - s)/(m + dt k).  Particles whose drag is not
+Stokes's, or that gain mass, are solved by `schemes.solve_particle` afterwards.
 """
 
 from __future__ import annotations
