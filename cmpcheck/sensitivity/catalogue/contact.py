@@ -78,7 +78,7 @@ MUTANTS = (
     Mutant(
         "Hertz's duration", "the factor 2.87 is off",
         f"{CONTACT}:impact_duration",
-        "return 2.87 *", "return (1.0 + SIZE) * 2.87 *",
+        "return HERTZ *", "return (1.0 + SIZE) * 2.87 *",
         0.01, "%",
     ),
     Mutant(
@@ -115,13 +115,13 @@ MUTANTS = (
     ),
     Mutant(
         "slip keeps its normal part", "the slip of Eq 13 is the whole relative velocity",
-        f"{COLLISIONS}:collide_pairs",
+        f"{COLLISIONS}:pair_impulse",
         "sx, sy, sz = vx - separation * nx, vy - separation * ny, vz - separation * nz",
         "sx, sy, sz = vx, vy, vz",
     ),
     Mutant(
         "drag in Eq 14", "the drag's part of the slip has the wrong sign along x",
-        f"{COLLISIONS}:collide_pairs",
+        f"{COLLISIONS}:pair_impulse",
         "wx = sx - ((eix", "wx = sx + ((eix",
     ),
     Mutant(
@@ -139,11 +139,11 @@ MUTANTS = (
     Mutant(
         "reaction of j", "particle j does not get the opposite impulse in y (Eq 12)",
         f"{COLLISIONS}:collide_pairs",
-        "impulse[j, axis] -= on_i", "impulse[j, axis] -= on_i * (axis != 1)",
+        "impulse[j, axis] -= given", "impulse[j, axis] -= given * (axis != 1)",
     ),
     Mutant(
         "energy of a pair", "the energy that a pair loses is booked wrongly",
-        f"{COLLISIONS}:collide_pairs",
+        f"{COLLISIONS}:pair_impulse",
         "lost -= (normal * normal + friction * friction) / (2.0 * m_eff)",
         "lost -= (1.0 + SIZE) * (normal * normal + friction * friction) / (2.0 * m_eff)",
         0.01, "%",

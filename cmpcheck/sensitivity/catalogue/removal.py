@@ -90,14 +90,14 @@ MUTANTS = (
     ),
     Mutant(
         "tangential velocity kept", "the mass picked up does not slow the particle along x (Eq 24)",
-        f"{SCHEMES}:solve_point_implicit",
-        "(impulse[0] + dt * k * (ux - vx) - gained * vx) / inertia",
-        "(impulse[0] + dt * k * (ux - vx)) / inertia",
+        f"{SCHEMES}:solve_particle",
+        "(jx + dt * k * (ux - vx) - gained * vx) / inertia",
+        "(jx + dt * k * (ux - vx)) / inertia",
     ),
     Mutant(
         "m for m + dm", "the particle that has picked up mass moves as if it had not",
-        f"{SCHEMES}:solve_point_implicit",
-        "mass = p.mass[i] + gained\n", "mass = p.mass[i]\n",
+        f"{SCHEMES}:solve_particle",
+        "inertia = (mass + gained) + dt * k\n", "inertia = mass + dt * k\n",
     ),
     Mutant(
         "dm for m + dm", "the energy lost at the surface is that of the mass picked up",

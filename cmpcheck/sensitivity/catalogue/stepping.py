@@ -104,8 +104,8 @@ MUTANTS = (
     ),
     Mutant(
         "impulse of the drag", "the drag's impulse is booked off by a factor along x",
-        f"{SCHEMES}:solve_point_implicit",
-        "work.drag[i, 0] = part * (mass", "work.drag[i, 0] = (1.0 + SIZE) * part * (mass",
+        f"{SCHEMES}:solve_particle",
+        "dx = part * (", "dx = (1.0 + SIZE) * part * (",
         1e-6, "ppm", factor=1e6,
     ),
     Mutant(
@@ -126,8 +126,8 @@ MUTANTS = (
     ),
     Mutant(
         "explicit drag", "the drag of a step is that of its start, not implicit",
-        f"{SCHEMES}:solve_point_implicit",
-        "            inertia = mass + dt * k\n", "            inertia = mass + dt * k * (1.0 - SIZE)\n",
+        f"{SCHEMES}:solve_particle",
+        "        inertia = (mass + gained) + dt * k\n", "        inertia = (mass + gained) + dt * k * (1.0 - SIZE)\n",
         1.0, "% of the implicit part",
     ),
 )  # fmt: skip
