@@ -20,8 +20,9 @@ from cmpcheck.components import CASE as COMPONENTS
 from cmpcheck.components import component_result
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
+from cmpcheck.engines.child import Child, ChildError, ChildLost
 from cmpcheck.engines.lammps_contract import check_deck
-from cmpcheck.engines.protocol import Engine, NotSupported, Resolution
+from cmpcheck.engines.protocol import Engine, NotSupported, Resolution, timeout_of
 from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
 from cmpcheck.horizon import compare_ledgers, study_horizon
@@ -194,6 +195,7 @@ def run_suite(
             for name in others:
                 if has_settings(variant, name):
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
+                    timeout_of(variant, name)
             tasks += [
                 Task(case, k, others, profile, folder / "data", decks or {}, form, files, engines is not None)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
@@ -249,12 +251,20 @@ def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, 
     Raises CaseError naming all of it.
     """
     tasks = [(case, decks[case.name]) for case in cases if case.name in decks and "lammps" in engines]
-    for (_, path), future in run_tasks(_check_deck, tasks, 1) if tasks else ():
-        problem = future.exception()
-        if isinstance(problem, CaseError):
-            raise problem
-        if problem is not None:
-            raise CaseError(f"{path}: cannot be checked: {problem_of(future)}")
+    if not tasks:
+        return
+    child = Child()
+    try:
+        for case, path in tasks:
+            limit = timeout_of(case.variants()[0], "lammps")
+            try:
+                child.call(_check_deck, (case, path), timeout=limit)
+            except ChildLost as problem:
+                raise CaseError(f"{path}: cannot be checked: {problem}") from None
+            except ChildError as problem:
+                raise CaseError(str(problem)) from None
+    finally:
+        child.stop()
 
 
 def _check_deck(task: tuple[Case, Path]) -> None:
