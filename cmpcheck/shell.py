@@ -52,11 +52,18 @@ def command(**settings: Any) -> Callable[[Callable[..., None]], Callable[..., No
                 code = _exit_code_of(problem)
                 if code is None:
                     raise
-                complain(str(problem), code)
+                complain(_sentence(problem), code)
 
         return app.command(**settings)(guarded)
 
     return register
+
+
+def _sentence(problem: Exception) -> str:
+    """What went wrong; of a file or folder, its name first."""
+    if isinstance(problem, OSError) and problem.filename is not None and problem.strerror:
+        return f"{problem.filename}: {problem.strerror}"
+    return str(problem)
 
 
 def _exit_code_of(problem: Exception) -> int | None:

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,9 +23,12 @@ from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.engines.child import Child, ChildError, ChildLost
 from cmpcheck.engines.lammps_contract import check_deck
+from cmpcheck.engines.lammps_library import EngineError
+from cmpcheck.engines.lammps_setup import Deck, deck_path
 from cmpcheck.engines.protocol import Engine, NotSupported, Resolution, timeout_of
 from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.figures.report import report_illustrations
+from cmpcheck.finished import Finished
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.protocol import observes_contacts
@@ -33,18 +37,18 @@ from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published import benchmark_names, load_benchmark
 from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
+from cmpcheck.records import settled
 from cmpcheck.results import (
     CaseResult,
     Comparison,
-    Convergence,
     EngineInfo,
-    Ensemble,
+    Illustration,
+    Outcome,
     StudyResult,
     SuiteResult,
-    Trace,
 )
 from cmpcheck.soft_study import compare_soft
-from cmpcheck.studies.registry import run_studies
+from cmpcheck.studies.registry import STUDIES, run_studies
 from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import (
     Study,
@@ -82,6 +86,11 @@ class Task:
     asked: bool = False  # the engines were asked for by name
 
     @property
+    def label(self) -> str:
+        """Case, variant and form: what tells it from other tasks."""
+        return "/".join((self.case.name, self.case.variants()[self.variant].variant, self.form))
+
+    @property
     def cost(self) -> float:
         """Rough measure of the work, to begin with the longest."""
         variant = self.case.variants()[self.variant]
@@ -90,18 +99,6 @@ class Task:
         count = variant.particles.count if variant.particles else len(variant.particle)
         step = variant.numerics.time_step or variant.case.duration
         return count * variant.case.duration / step
-
-
-@dataclass
-class Outcome:
-    """What a task found."""
-
-    comparisons: list[Comparison] = field(default_factory=list)
-    convergences: list[Convergence] = field(default_factory=list)
-    traces: list[Trace] = field(default_factory=list)
-    ensembles: list[Ensemble] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    seconds: float = 0.0
 
 
 def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
@@ -154,13 +151,15 @@ def run_suite(
     runs: Path = Path("runs"),
     trajectories: Trajectories | None = None,
     components: bool = False,
+    finished: Finished | None = None,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
     progress; names of studies, and the folder for runs of theirs that outlive the report; trajectories of
-    other codes; whether to check the components too, as a last case.
+    other codes; whether to check the components too, as a last case; where results are kept as they come,
+    and those that are there already are taken from.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -201,24 +200,31 @@ def run_suite(
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
     _check_decks(loaded, decks or {}, others)
+    kept = finished or Finished()
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
     totals = Counter(name for name, _, _ in keys)
     outcomes: dict[tuple[str, int, str], Outcome] = {}
-    for task, outcome in _in_processes(tasks, jobs):
+    for task, outcome in _outcomes(tasks, jobs, kept):
         outcomes[task.case.name, task.variant, task.form] = outcome
         if progress is not None:
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
-    results += run_benchmarks(
+    results += _benchmarks(
         [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
         jobs,
+        kept,
         None if progress is None else lambda name: progress(name, 1, 1),
     )
     if components:
-        results.append(component_result())
+        found = kept.get(COMPONENTS, COMPONENTS)
+        if found is None:
+            found = component_result()
+            kept.put(COMPONENTS, COMPONENTS, found)
+        results.append(found)
         if progress is not None:
             progress(COMPONENTS, 1, 1)
+    results = [settled(found) for found in results]
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
         names = ", ".join(path.name for path in files.files.values())
@@ -226,23 +232,99 @@ def run_suite(
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
         found.tables += contact_places(found.comparisons) if found.name not in published else []
-    origin = provenance.collect(loaded)
+    origin = provenance.collect(loaded) | {"decks": deck_digests(loaded, published, others, decks or {})}
     if published:
         origin["benchmarks"] = {name: {"digest": load_benchmark(name).digest} for name in published}
     result = SuiteResult(profile, infos, results, origin)
     try:
-        result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
+        result.illustrations = _illustrations(loaded, profile, folder / "data", jobs, kept)
     except Exception as problem:  # pictures must not cost the comparisons
         results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
+    result.studies = _studies(studies, profile, folder, runs, jobs, kept, progress)
+    result.seconds = time.perf_counter() - begin
+    return result
+
+
+def _outcomes(tasks: list[Task], jobs: int, kept: Finished) -> Iterator[tuple[Task, Outcome]]:
+    """The outcomes that are kept, then the others as they come."""
+    left = []
+    for task in tasks:
+        outcome = kept.get("tasks", task.label)
+        if outcome is None:
+            left.append(task)
+        else:
+            yield task, outcome
+    for task, outcome in _in_processes(left, jobs):
+        if not outcome.lost:
+            kept.put("tasks", task.label, outcome)
+        yield task, outcome
+
+
+def _benchmarks(
+    tasks: list[BenchmarkTask], jobs: int, kept: Finished, told: Callable[[str], None] | None
+) -> list[CaseResult]:
+    """Every benchmark in order, from what is kept where it is."""
+    found = {task.name: kept.get("benchmarks", task.name) for task in tasks}
+
+    def done(result: CaseResult, lost: bool) -> None:
+        if not lost:
+            kept.put("benchmarks", result.name, result)
+        if told is not None:
+            told(result.name)
+
+    new = run_benchmarks([task for task in tasks if found[task.name] is None], jobs, done)
+    if told is not None:
+        for name, result in found.items():
+            if result is not None:
+                told(name)
+    found |= {result.name: result for result in new}
+    return list(found.values())
+
+
+def _illustrations(
+    cases: list[Case], profile: str, folder: Path, jobs: int, kept: Finished
+) -> list[Illustration]:
+    found = kept.get("illustrations", "all")
+    if found is None:
+        found = report_illustrations(cases, profile, folder, jobs)
+        kept.put("illustrations", "all", found)
+    return list(found)
+
+
+def _studies(
+    names: Sequence[str], profile: str, folder: Path, runs: Path, jobs: int, kept: Finished,
+    progress: Progress | None,
+) -> list[StudyResult]:  # fmt: skip
+    """Every study in the registry's order, from what is kept where it is."""
 
     def keep(study: StudyResult) -> None:
+        if not study.error:
+            kept.put("studies", study.name, study)
         write_csv([study], folder / "data" / "studies")
         if progress is not None:
             progress(study.name, 1, 1)
 
-    result.studies = run_studies(studies, profile, runs, jobs, keep)
-    result.seconds = time.perf_counter() - begin
-    return result
+    found = {name: kept.get("studies", name) for name in names}
+    for study in found.values():
+        if study is not None:
+            keep(study)
+    new = run_studies([name for name in names if found[name] is None], profile, runs, jobs, keep)
+    found |= {study.name: study for study in new}
+    return [settled(found[name]) for name in STUDIES if name in found]
+
+
+def deck_digests(
+    cases: list[Case], benchmarks: list[str], engines: tuple[str, ...], decks: dict[str, Path]
+) -> dict[str, dict[str, str]]:
+    """SHA-256 of the deck of each case that an engine reads one for."""
+    found: dict[str, dict[str, str]] = {}
+    for name in (*(case.name for case in cases if case.engine), *benchmarks):
+        for engine in set(engines) & set(RUNNERS):
+            with suppress(EngineError):  # the case has none
+                own = decks.get(name) if engine == "lammps" else None
+                path = own or deck_path(name, "" if engine == "lammps" else engine)
+                found.setdefault(name, {})[engine] = Deck.read(path).digest
+    return {name: dict(sorted(digests.items())) for name, digests in sorted(found.items())}
 
 
 def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
@@ -307,7 +389,7 @@ def _outcome(task: Task, future: Future) -> Outcome:
     reason = problem_of(future)
     if not reason:
         return future.result()
-    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)])
+    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)], lost=True)
 
 
 def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:
