@@ -125,14 +125,20 @@ def is_complete(folder: Path) -> bool:
 def finished_run(folder: Path, case: Case) -> Run | None:
     """The complete run in a folder, or None where there is none.
 
-    Raises CaseError for a run of another case or engine.
+    Raises CaseError for a run of another case or engine, and for one that another version of the code has
+    made: like a checkpoint of another version, it is not this one's result, whether it differs or not.
     """
     if not is_complete(folder):
         return None
     run = Run.load(folder)
-    if run.case != case or run.provenance["engine"] != "reference":
+    if run.case != case or run.provenance.get("engine") != "reference":
         raise CaseError(
             f"{folder}: holds a complete run of another case or engine; allowed: another folder, or --force"
+        )
+    if run.provenance.get("code") != version_of_code():
+        raise CaseError(
+            f"{folder}: holds a complete run by another version of the code, NumPy or Numba, which stays "
+            "readable; allowed: another folder, or --force to make it anew"
         )
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of a session killed when it had just ended
     return run

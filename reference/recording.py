@@ -24,6 +24,7 @@ import pandas as pd
 from reference.case import Case, CaseError, load_case
 from reference.case_sections import Cost
 from reference.heightfield import Heightfield, flatness
+from reference.origin import commit, digest, machine
 from reference.state import State
 
 HISTORY = (
@@ -156,7 +157,7 @@ def version_of_code() -> str:
 
 
 def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
-    """Versions, seed and engine of a run."""
+    """Versions, commit, seed, content of the case, machine and engine of a run."""
     return {
         "engine": engine,
         "case": case.name,
@@ -165,6 +166,9 @@ def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "code": version_of_code(),
         "versions": {name: metadata.version(name) for name in ("numpy", "numba")},
+        "commit": commit(),
+        "case_digest": digest(case),
+        "machine": machine(),
         "complete": False,
     }
 

@@ -73,7 +73,7 @@ def simulate(
     Parameters: `out` a folder to write the run to; `progress` is called with the fraction done; `resume`
     goes on from the last checkpoint in `out`, to the same arrays, and returns a run that is complete
     already; `checkpoint_interval`, wall-clock time between two checkpoints, s.
-    Raises CaseError for a case that cannot be set up and for a checkpoint that is not this run's, and
+    Raises CaseError for a case that cannot be set up and for what another case or version left in `out`, and
     SimulationError, naming particle and time, when the state stops being finite, or a balance when it does
     not close; what was recorded is kept in `out` and in the error's `run`.
     """

@@ -308,3 +308,14 @@ def test_wall_time_is_that_of_all_sessions(tmp_path, monkeypatch):
     alone = simulate(case, tmp_path / "alone", checkpoint_interval=np.inf).provenance["timing"]
     assert with_first["sessions"] == 2
     assert with_first["wall_time"] > alone["wall_time"] > 0
+
+
+def test_a_complete_run_by_another_version_is_not_returned_as_this_ones(tmp_path, monkeypatch):
+    case = shortened(duration=0.02e-3, outputs=2)
+    made = simulate(case, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "version_of_code", lambda: "of tomorrow")
+        with pytest.raises(CaseError, match="complete run by another version of the code"):
+            simulate(case, tmp_path, resume=True)
+    assert Run.load(tmp_path).history.equals(made.history)
+    assert simulate(case, tmp_path, resume=True).provenance == made.provenance

@@ -32,11 +32,11 @@ def here(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def change_of(document: dict, status: str = "agree", kind: str = "discretisation", **changes: object) -> str:
-    """What is said of the first row of that status and kind when it has other numbers."""
+def change_of(document: dict, wanted: str = "agree", kind: str = "discretisation", **changes: object) -> str:
+    """What is said of the first row of that verdict and kind when it has other numbers."""
     after = deepcopy(document)
     row = next(
-        r for r in after["comparisons"] if (r["status"], r["kind"]) == (status, kind) and r["measured"]
+        r for r in after["comparisons"] if (r["status"], r["kind"]) == (wanted, kind) and r["measured"]
     )
     k = after["comparisons"].index(row)
     row |= {key: value(row) if callable(value) else value for key, value in changes.items()}

@@ -70,6 +70,7 @@ class LammpsEngine:
         try:
             seen = self._observe(limit, (deck, setup, resolution, stride, time_step))
             run = observed_run(setup, resolution, seen, time_step, self.name, version())
+            run.provenance["deck_digest"] = deck.digest
             if deck.external_fix is None and setup.model.has_surface:
                 _require_no_surface_struck(deck, setup, run)
         except (EngineError, ValueError) as error:

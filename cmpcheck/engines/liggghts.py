@@ -57,11 +57,13 @@ class LiggghtsEngine:
         limit = timeout_of(setup.case, self.name)
         try:
             seen = ask_child(simulate, deck, setup, resolution, stride, time_step, timeout=limit)
-            return observed_run(setup, resolution, seen, time_step, self.name, version())
+            run = observed_run(setup, resolution, seen, time_step, self.name, version())
         except EngineError as error:
             raise EngineError(f"{label(setup)}: {error}") from None
         except ValueError as error:
             raise EngineError(f"{label(setup)}: LIGGGHTS: {error}") from None
+        run.provenance["deck_digest"] = deck.digest
+        return run
 
 
 def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
