@@ -55,7 +55,7 @@ SUMS = (
 )  # of the reference
 TRAJECTORY = ("positions", "velocities", "masses")
 LATER = (*TRAJECTORY, "contacts")  # what `Run.open` reads when it is asked for
-ROW_GROUP = 131_072  # rows of the ledger that are in memory at once when it is written, 23 MB
+ROW_GROUP = 32_768  # rows of the ledger that are in memory at once when it is written, 6 MB
 
 
 @dataclass

@@ -17,7 +17,7 @@ from reference.checkpoint import Arrays, Checkpoint, read_rows
 from reference.ledger import empty_ledger, ledger_frame
 from reference.recording import HISTORY, SUMS, TRAJECTORY
 
-SPILL_BYTES = 16 << 20  # of rows in memory, from which on they are written
+SPILL_BYTES = 4 << 20  # of rows in memory, from which on they are written
 COLUMNS = [*HISTORY, *SUMS]
 
 
