@@ -104,8 +104,8 @@ def _memory(runs: list[dict[str, Any]]) -> Finding:
     return Finding(
         name="memory of a long run",
         done=f"{CASE} over " + ", ".join(f"{run['duration']:g} s" for run in runs),
-        outcome=f"{longer:.3g} times as many steps, with {rows:.0f} MB more in their ledger, took {more:.0f} MB "
-        f"more memory; {SPILL_BYTES >> 20} MB of rows at the most are in memory, the others on the disk",
+        outcome=f"{longer:.3g} times as many steps, with {rows:.0f} MB more in their ledger, took {more:.0f} "
+        f"MB more memory; {SPILL_BYTES >> 20} MB of rows at the most are in memory, the others on the disk",
         holds=more <= SHARE * rows,
         numbers={
             key: value
