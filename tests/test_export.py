@@ -184,7 +184,7 @@ def test_stl_holds_the_triangles_to_the_last_digit(run, tmp_path):
 
 def test_csv_holds_every_digit_and_says_what_its_columns_are(run, tmp_path):
     export_run(run, "csv", tmp_path)
-    tables = {path.stem: pd.read_csv(path, engine="python") for path in tmp_path.iterdir()}
+    tables = {path.stem: pd.read_csv(path, float_precision="round_trip") for path in tmp_path.iterdir()}
     trajectory = tables["trajectory"]
     assert list(trajectory) == list(TRAJECTORY)
     shape = run.masses.shape
