@@ -25,7 +25,7 @@ def summary(run: Run) -> list[str]:
         lines.append(
             f"flatness  {flatness[0]:.3g} at the start, {middle:.3g} half-way, {flatness[-1]:.3g} at the end"
         )
-    return lines + [f"note      {note}" for note in provenance["notes"]]
+    return lines + [f"note      {note}" for note in provenance.get("notes", [])]
 
 
 def _removals(run: Run) -> int:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -25,6 +26,8 @@ from reference.recording import Run, version_of_code
 from reference.state import Setup
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
+PART = re.compile(r"part-\d{5,}\.h5")
+DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, MemoryError)
 Arrays = dict[str, np.ndarray]
 
 
@@ -87,19 +90,26 @@ class Checkpoint:
         try:
             index = json.loads((self.folder / INDEX).read_text("utf-8"))
             self._require_same_owner(index["owner"])
-            for name, digest in index["parts"].items():
+            parts = dict(index["parts"])
+            for name, digest in parts.items():
+                if not PART.fullmatch(name):
+                    raise ValueError(f"{name[:60]!r} is no part of a checkpoint")
                 if _digest_of_file(self.folder / name) != digest:
                     raise ValueError(f"{name} is not as it was written")
-            parts = dict(index["parts"])
             state = _read(self.folder / list(parts)[-1], "state") if parts else {}
         except CaseError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
-            raise CaseError(
-                f"{self.folder}: the checkpoint is damaged ({problem}); allowed: to start again with --force"
-            ) from None
+        except DAMAGE as problem:
+            raise self.damaged(problem) from None
         self.parts = parts
         return Saved(self.files, state) if parts else None
+
+    def damaged(self, problem: Exception) -> CaseError:
+        """The error to raise for what cannot be restored, also found by those who know what it means."""
+        said = " ".join(str(problem).split())[:200]
+        return CaseError(
+            f"{self.folder}: the checkpoint is damaged ({said}); allowed: to start again with --force"
+        )
 
     def remove(self) -> None:
         """Remove it, when the run is complete or begins anew."""
@@ -128,7 +138,7 @@ def is_complete(folder: Path) -> bool:
     """Whether a folder says that it holds a complete run."""
     try:
         provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(provenance, dict) and provenance.get("complete") is True
 
@@ -141,7 +151,7 @@ def finished_run(folder: Path, case: Case) -> Run | None:
     if not is_complete(folder):
         return None
     run = Run.open(folder)
-    if run.case != case or run.provenance["engine"] != "reference":
+    if run.case != case or run.provenance.get("engine") != "reference":
         raise CaseError(
             f"{folder}: holds a complete run of another case or engine; allowed: another folder, or --force"
         )

@@ -170,16 +170,35 @@ def _read_small(folder: Path) -> dict[str, Any]:
         }
         pq.read_schema(folder / "contacts.parquet")
         provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
-        if not isinstance(provenance, dict):
-            raise ValueError("provenance.json holds no table")
+        _check_provenance(provenance)
+        history = pd.read_parquet(folder / "history.parquet")
+        missing = [name for name in HISTORY if name not in history or history[name].dtype.kind != "f"]
+        if missing or len(history) != shape[0] or not shape[0]:
+            raise ValueError(
+                f"the history has {len(history)} of {shape[0]} rows, and no {', '.join(missing)}"
+            )
         return {
             "times": file["times"][()],
             "diameters": file["diameters"][()],
             "case": load_case(folder / "case.toml"),
-            "history": pd.read_parquet(folder / "history.parquet"),
+            "history": history,
             "provenance": provenance,
             **surfaces,
         }
+
+
+def _check_provenance(found: object) -> None:
+    """What others rely on must be there; raises ValueError."""
+    wanted = {"engine": str, "complete": bool, "steps": int | float}
+    for key, kind in wanted.items():
+        if not isinstance(found, dict) or not isinstance(found.get(key), kind):
+            raise ValueError(f"provenance.json says no {key}")
+    for key, kind in {"notes": list, "timing": dict}.items():
+        if not isinstance(found.get(key, kind()), kind):
+            raise ValueError(f"provenance.json has {key} of another kind")
+    for key in ("wall_time", "sessions", "particle_steps_per_second") if "timing" in found else ():
+        if not isinstance(found["timing"].get(key), int | float):
+            raise ValueError(f"provenance.json says no timing.{key}")
 
 
 def _read_large(folder: Path, name: str) -> np.ndarray | pd.DataFrame:

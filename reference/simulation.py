@@ -15,7 +15,7 @@ import numpy as np
 
 from reference.balances import close_books, removing_of_model
 from reference.case import Case
-from reference.checkpoint import Arrays, Checkpoint, Saved, finished_run
+from reference.checkpoint import DAMAGE, Arrays, Checkpoint, Saved, finished_run
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
@@ -34,6 +34,7 @@ from reference.timestep import (
 )
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
+MOST_LEDGER_ROWS = 1 << 27  # of a buffer in a checkpoint that is believed, 24 GB
 PARTICLE_STEPS = 10_000_000  # of a call of the kernel, at most: about a second, in which nothing is saved
 CHECKPOINT_INTERVAL = 10.0  # s of wall-clock time
 EVOLVING = ("position", "velocity", "mass", "heights")  # arrays of the state
@@ -95,8 +96,11 @@ def simulate_setup(
     checkpoint = None if out is None else Checkpoint(Path(out), setup)
     recorder = _Recorder(setup, checkpoint)
     saved = checkpoint.load() if checkpoint is not None and resume else None
-    if saved is not None:
-        recorder.restore(saved)
+    if checkpoint is not None and saved is not None:
+        try:
+            recorder.restore(saved)
+        except DAMAGE as damage:
+            raise checkpoint.damaged(damage) from None
     else:
         if checkpoint is not None:
             checkpoint.start()
@@ -250,6 +254,8 @@ class _Recorder:
         self.scalars[:] = state["progress"]
         self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
         self.stops, sessions, buffer = map(int, state["counts"])
+        if not (self.stops >= 0 and 0 < buffer <= MOST_LEDGER_ROWS and np.isfinite(self.scalars[P.time])):
+            raise ValueError(f"{self.stops} stops and a buffer of {buffer} rows")
         self.rows = empty_ledger(buffer)
         self.spool.restore()
         self.earlier, self.sessions = float(state["wall_time"]), sessions + 1

@@ -23,6 +23,7 @@ from cmpcheck.trajectories.frames import (
     VELOCITY,
     Frames,
     canonical,
+    check_numbers,
     declare,
     one_line,
     rename,
@@ -99,7 +100,11 @@ def rename_texts(path: Path, known: dict[str, pd.Series]) -> dict[str, list[str]
 def read_parquet(path: Path) -> Frames:
     """A Parquet file.  Raises CaseError in one line."""
     try:
+        described = pq.read_metadata(path)
+        check_numbers(path, float(described.num_rows) * described.num_columns)
         table = pq.read_table(path, memory_map=False)
+    except CaseError:
+        raise
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise CaseError(f"{path}: not a Parquet file: {one_line(problem)}") from None
     columns: dict[str, np.ndarray] = {}
