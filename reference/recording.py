@@ -187,18 +187,25 @@ def _read_small(folder: Path) -> dict[str, Any]:
         }
 
 
-def _check_provenance(found: object) -> None:
+def _check_provenance(found: Any) -> None:
     """What others rely on must be there; raises ValueError."""
-    wanted = {"engine": str, "complete": bool, "steps": int | float}
-    for key, kind in wanted.items():
-        if not isinstance(found, dict) or not isinstance(found.get(key), kind):
-            raise ValueError(f"provenance.json says no {key}")
-    for key, kind in {"notes": list, "timing": dict}.items():
-        if not isinstance(found.get(key, kind()), kind):
-            raise ValueError(f"provenance.json has {key} of another kind")
-    for key in ("wall_time", "sessions", "particle_steps_per_second") if "timing" in found else ():
-        if not isinstance(found["timing"].get(key), int | float):
-            raise ValueError(f"provenance.json says no timing.{key}")
+    if not isinstance(found, dict):
+        raise ValueError("provenance.json holds no table")
+    number = (int, float)
+    _require(found, {"engine": str, "complete": bool, "steps": number})
+    if "notes" in found:
+        _require(found, {"notes": list})
+    if "timing" in found:
+        _require(found, {"timing": dict})
+        _require(
+            found["timing"], dict.fromkeys(("wall_time", "sessions", "particle_steps_per_second"), number)
+        )
+
+
+def _require(found: dict[str, Any], kinds: Mapping[str, Any]) -> None:
+    for key, kind in kinds.items():
+        if not isinstance(found.get(key), kind):
+            raise ValueError(f"provenance.json does not say {key}, or not as it should")
 
 
 def _read_large(folder: Path, name: str) -> np.ndarray | pd.DataFrame:
