@@ -87,7 +87,9 @@ def progress_bars() -> Iterator[Progress]:
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bars:
+    bars = Progress(console=console, disable=not console.is_terminal)
+    # one that was started ends with an empty line, up to rich 14.2 also where it is disabled
+    with bars if console.is_terminal else contextlib.nullcontext():
         try:
             yield bars
         except BaseException:

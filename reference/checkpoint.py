@@ -1,9 +1,10 @@
 """Checkpoints: what a run in progress needs to go on after it was killed.
 
 Each checkpoint adds one numbered part and never rewrites an earlier one: the rows recorded since, and the
-state at its end.  `checkpoint.json`, replaced last and at once, lists with their digests the parts that
-belong together, and whose they are; nothing else in the folder is read.  What the rows and the state
-consist of is `simulation.py`'s business.
+state at its end.  Where there are many rows, parts of rows alone are written before it.  `checkpoint.json`,
+replaced last and at once, lists with their digests the parts that belong together, and whose they are;
+nothing else in the folder is read.  Which rows are on the disk already is `spool.py`'s business, what the
+state consists of `simulation.py`'s.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,13 +26,15 @@ from reference.recording import Run, version_of_code
 from reference.state import Setup
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
+PART = re.compile(r"part-\d{5,}\.h5")
+DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, MemoryError)
 Arrays = dict[str, np.ndarray]
 
 
 class Saved(NamedTuple):
     """What a checkpoint holds."""
 
-    rows: Arrays  # recorded since the start, along the first axis
+    parts: tuple[Path, ...]  # files of the rows recorded since the start, in order; see `read_rows`
     state: Arrays  # at the end
 
 
@@ -52,17 +56,29 @@ class Checkpoint:
 
     def add(self, rows: Arrays, state: Arrays) -> None:
         """Make a checkpoint: the rows since the last one, and the present state.  Raises OSError."""
+        self._write_part({"rows": rows, "state": state})
+        self._write_index()
+
+    def spill(self, rows: Arrays) -> None:
+        """Write rows that belong to the next checkpoint; without one they are not read.  Raises OSError."""
+        self._write_part({"rows": rows})
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The parts that were written, in order."""
+        return tuple(self.folder / name for name in self.parts)
+
+    def _write_part(self, groups: dict[str, Arrays]) -> None:
         name = f"part-{len(self.parts):05}.h5"
 
         def write(path: Path) -> None:
             with h5py.File(path, "w") as file:
-                for group, arrays in (("rows", rows), ("state", state)):
+                for group, arrays in groups.items():
                     for key, value in arrays.items():
                         file.create_dataset(f"{group}/{key}", data=value, track_times=False)
 
         _write_durably(self.folder / name, write)
         self.parts[name] = _digest_of_file(self.folder / name)
-        self._write_index()
 
     def load(self) -> Saved | None:
         """What was saved, or None where nothing was.
@@ -74,21 +90,26 @@ class Checkpoint:
         try:
             index = json.loads((self.folder / INDEX).read_text("utf-8"))
             self._require_same_owner(index["owner"])
-            for name, digest in index["parts"].items():
+            parts = dict(index["parts"])
+            for name, digest in parts.items():
+                if not PART.fullmatch(name):
+                    raise ValueError(f"{name[:60]!r} is no part of a checkpoint")
                 if _digest_of_file(self.folder / name) != digest:
                     raise ValueError(f"{name} is not as it was written")
-            pieces = [_read_part(self.folder / name) for name in index["parts"]]
+            state = _read(self.folder / list(parts)[-1], "state") if parts else {}
         except CaseError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
-            raise CaseError(
-                f"{self.folder}: the checkpoint is damaged ({problem}); allowed: to start again with --force"
-            ) from None
-        self.parts = dict(index["parts"])
-        if not pieces:
-            return None
-        rows = {key: np.concatenate([piece.rows[key] for piece in pieces]) for key in pieces[0].rows}
-        return Saved(rows, pieces[-1].state)
+        except DAMAGE as problem:
+            raise self.damaged(problem) from None
+        self.parts = parts
+        return Saved(self.files, state) if parts else None
+
+    def damaged(self, problem: Exception) -> CaseError:
+        """The error to raise for what cannot be restored, also found by those who know what it means."""
+        said = " ".join(str(problem).split())[:200]
+        return CaseError(
+            f"{self.folder}: the checkpoint is damaged ({said}); allowed: to start again with --force"
+        )
 
     def remove(self) -> None:
         """Remove it, when the run is complete or begins anew."""
@@ -117,7 +138,7 @@ def is_complete(folder: Path) -> bool:
     """Whether a folder says that it holds a complete run."""
     try:
         provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(provenance, dict) and provenance.get("complete") is True
 
@@ -130,7 +151,7 @@ def finished_run(folder: Path, case: Case) -> Run | None:
     """
     if not is_complete(folder):
         return None
-    run = Run.load(folder)
+    run = Run.open(folder)
     if run.case != case or run.provenance.get("engine") != "reference":
         raise CaseError(
             f"{folder}: holds a complete run of another case or engine; allowed: another folder, or --force"
@@ -144,9 +165,16 @@ def finished_run(folder: Path, case: Case) -> Run | None:
     return run
 
 
-def _read_part(path: Path) -> Saved:
+def read_rows(parts: Iterable[Path], keys: Iterable[str]) -> Iterator[Arrays]:
+    """The rows of each part, one part at a time."""
+    for path in parts:
+        yield _read(path, "rows", keys)
+
+
+def _read(path: Path, group: str, keys: Iterable[str] = ()) -> Arrays:
+    """The arrays of a group of a part, all of them or those of some keys."""
     with h5py.File(path) as file:
-        return Saved(*({key: value[()] for key, value in file[group].items()} for group in ("rows", "state")))
+        return {key: file[group][key][()] for key in keys or file[group]}
 
 
 def _write_durably(path: Path, writer: Callable[[Path], object]) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from reference import checkpoint, simulation
 from reference.case import Case, CaseError, load_case
-from reference.checkpoint import INDEX, Checkpoint, Saved
+from reference.checkpoint import INDEX, Checkpoint
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import SimulationError, simulate
@@ -151,7 +151,7 @@ def test_a_state_that_is_not_restored_is_seen(tmp_path, whole, monkeypatch, name
             state[name][2] = 1000
         else:
             state[name] = getattr(self.state, name).copy()
-        restore(self, Saved(saved.rows, state))
+        restore(self, saved._replace(state=state))
 
     monkeypatch.setattr(simulation._Recorder, "restore", forget)
     begin(POLISH, tmp_path)

@@ -34,6 +34,10 @@ ALIASES = {
 TWICE = ("radius", "radii")  # half of a diameter
 DECLARED = ("units", "time_step", "contact_duration")
 SHOWN = 60  # characters of a text from a file
+MOST_BYTES = 250_000_000  # of a file, which takes up to ten times as much memory while it is read
+MOST_NUMBERS = 100_000_000  # in a file, which may be compressed; 800 MB
+MOST_TIMES = 100_000  # files of a series
+FEWER = "fewer output times or particles, or single columns"
 
 
 @dataclass
@@ -56,6 +60,21 @@ class Columns:
     times: np.ndarray
     values: dict[str, np.ndarray]
     resolution: dict[str, float]
+
+
+def check_size(path: Path) -> None:
+    """Refuse a file that is too large to be read into memory.  Raises CaseError, OSError where it is gone."""
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise CaseError(
+            f"{path}: {size / 1e6:.0f} MB; allowed: up to {MOST_BYTES / 1e6:.0f} MB, with {FEWER}"
+        )
+
+
+def check_numbers(path: Path, count: float) -> None:
+    """Refuse a file that says that it holds too many numbers.  Raises CaseError."""
+    if count > MOST_NUMBERS:
+        raise CaseError(f"{path}: {count:.3g} numbers; allowed: up to {MOST_NUMBERS:.0e}, with {FEWER}")
 
 
 def canonical(name: str) -> str:
@@ -119,6 +138,7 @@ def assemble(read: Frames, count: int) -> Columns:
             f"{path}: no column particle (or id): which of {count} particles is which is not known; add it"
         )
     names = [name for name in first if name not in ("time", "particle")]
+    check_numbers(path, float(len(names)) * len(times) * count)
     values = {name: np.empty((len(times), count)) for name in names}
     ids: np.ndarray | None = None
     for k, (time, frame) in enumerate(zip(times, read.frames, strict=True)):

@@ -15,7 +15,16 @@ import meshio
 import numpy as np
 
 from cmpcheck.trajectories.digits import binary_resolution, text_resolution
-from cmpcheck.trajectories.frames import DECLARED, Frames, canonical, declare, one_line, shown
+from cmpcheck.trajectories.frames import (
+    DECLARED,
+    MOST_TIMES,
+    Frames,
+    canonical,
+    check_size,
+    declare,
+    one_line,
+    shown,
+)
 from reference.toml_source import CaseError
 
 READERS = {".vtu": meshio.vtu.read, ".vtk": meshio.vtk.read}
@@ -31,8 +40,8 @@ def read_series(path: Path) -> Frames:
     except UnicodeDecodeError:
         raise CaseError(f"{path}: not UTF-8 text") from None
     listed, said = _pvd(path, text) if path.suffix == ".pvd" else _series(path, text)
-    if not listed:
-        raise CaseError(f"{path}: names no files")
+    if not 0 < len(listed) <= MOST_TIMES:
+        raise CaseError(f"{path}: names {len(listed)} files; allowed: 1 to {MOST_TIMES}")
     times, frames = [], []
     resolution: dict[str, float] = {}
     for time, name in listed:
@@ -89,6 +98,7 @@ def _inside(path: Path, name: str) -> Path:
 def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Columns of one file, and the resolution of each."""
     try:
+        check_size(path)
         raw = path.read_bytes()
     except OSError as problem:
         raise CaseError(f"{path}: {problem.strerror}") from None

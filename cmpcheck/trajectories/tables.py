@@ -23,6 +23,7 @@ from cmpcheck.trajectories.frames import (
     VELOCITY,
     Frames,
     canonical,
+    check_numbers,
     declare,
     one_line,
     rename,
@@ -74,7 +75,7 @@ def read_csv(path: Path) -> Frames:
                 f"{path}: row {row + 1} of the table: {name} = {shown(series.iloc[row])}; allowed: finite "
                 "numbers"
             )
-        columns[str(name)] = numbers
+        columns[str(name)] = np.array(list(series), dtype=float)  # exact; pandas 2 is off in the last place
     groups = (("time",), POSITION, VELOCITY, ("mass",), ("diameter",))
     renamed = rename(path, columns)
     written = {
@@ -99,7 +100,11 @@ def rename_texts(path: Path, known: dict[str, pd.Series]) -> dict[str, list[str]
 def read_parquet(path: Path) -> Frames:
     """A Parquet file.  Raises CaseError in one line."""
     try:
+        described = pq.read_metadata(path)
+        check_numbers(path, float(described.num_rows) * described.num_columns)
         table = pq.read_table(path, memory_map=False)
+    except CaseError:
+        raise
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise CaseError(f"{path}: not a Parquet file: {one_line(problem)}") from None
     columns: dict[str, np.ndarray] = {}
@@ -115,7 +120,7 @@ def read_parquet(path: Path) -> Frames:
     }
     said = {key.decode("utf-8", "replace"): value for key, value in (table.schema.metadata or {}).items()}
     found = [(key, said[key].decode("utf-8", "replace")) for key in DECLARED if key in said]
-    found += [(key, str(value)) for key, value in _attributes(said.get("pandas")).items() if key in DECLARED]
+    found += [(key, str(value)) for key, value in _attributes(said).items() if key in DECLARED]
     doubles = {name: values.astype(float) for name, values in columns.items()}
     for name, values in doubles.items():
         bad = ~np.isfinite(values)
@@ -126,13 +131,17 @@ def read_parquet(path: Path) -> Frames:
     return _by_time(path, rename(path, doubles), resolution, declare(path, found))
 
 
-def _attributes(described: bytes | None) -> dict[str, object]:
-    """`DataFrame.attrs`, which pandas keeps beside its description of the columns."""
-    try:
-        attributes = json.loads(described or b"{}").get("attributes") or {}
-        return dict(attributes) if isinstance(attributes, dict) else {}
-    except (ValueError, AttributeError):
-        return {}
+def _attributes(metadata: dict[str, bytes]) -> dict[str, object]:
+    """`DataFrame.attrs`: beside pandas's description of the columns, or by themselves (pandas 2)."""
+    found: dict[str, object] = {}
+    for text, key in ((metadata.get("PANDAS_ATTRS"), None), (metadata.get("pandas"), "attributes")):
+        try:
+            said = json.loads(text or b"{}")
+            said = said.get(key) if key else said
+        except (ValueError, AttributeError, RecursionError):
+            continue
+        found |= said if isinstance(said, dict) else {}
+    return found
 
 
 def _by_time(
