@@ -16,7 +16,16 @@ import typer
 import cmpcheck.optimise.command
 import cmpcheck.rerun_command
 import cmpcheck.sensitivity.command  # noqa: F401  (they register themselves)
-from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
+from cmpcheck.shell import (
+    INTERRUPTED,
+    BadInput,
+    app,
+    command,
+    complain,
+    progress_bars,
+    sentence_of,
+    show_fraction,
+)
 
 if TYPE_CHECKING:
     from cmpcheck.results import SuiteResult
@@ -159,15 +168,23 @@ def run(
                     *(f"  {line}" for line in summary(result)),
                 ]
     except KeyboardInterrupt:
-        where = f" --out {out}" if out else ""
-        go_on = f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
+        go_on = _go_on(case, out, engine)
         complain(f"interrupted: {folder} keeps what was recorded, marked as not complete{go_on}", INTERRUPTED)
+    except OSError as problem:
+        keeps = f"; {folder} keeps what was written before{_go_on(case, out, engine)}"
+        complain(f"{sentence_of(problem)}{keeps}", 1)
     for line in lines:
         typer.echo(line)
     if there:
         share = f"{len(there)} of {len(variants)} variants were " if len(variants) > len(there) else ""
         typer.echo(f"{share}complete already")
     typer.echo(f"run: {folder}")
+
+
+def _go_on(case: str, out: Path | None, engine: str) -> str:
+    """How to go on with a run, for the end of a line."""
+    where = f" --out {out}" if out else ""
+    return f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
 
 
 @command(

@@ -52,18 +52,22 @@ def command(**settings: Any) -> Callable[[Callable[..., None]], Callable[..., No
                 code = _exit_code_of(problem)
                 if code is None:
                     raise
-                complain(_sentence(problem), code)
+                complain(sentence_of(problem), code)
 
         return app.command(**settings)(guarded)
 
     return register
 
 
-def _sentence(problem: Exception) -> str:
+def sentence_of(problem: Exception) -> str:
     """What went wrong; of a file or folder, its name first."""
-    if isinstance(problem, OSError) and problem.filename is not None and problem.strerror:
+    if not isinstance(problem, OSError) or not problem.strerror:
+        return str(problem)
+    if problem.filename is not None:
         return f"{problem.filename}: {problem.strerror}"
-    return str(problem)
+    import numba
+
+    return f"{problem.strerror}: in the output folder, or in that of compiled code, {numba.config.CACHE_DIR}"
 
 
 def _exit_code_of(problem: Exception) -> int | None:

@@ -14,7 +14,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from reference.case import Case, CaseError
-from reference.recording import Run, version_of_code
+from reference.recording import HDF5_HEADERS, Run, version_of_code, write_durably
 from reference.state import Setup
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
@@ -77,7 +77,8 @@ class Checkpoint:
                     for key, value in arrays.items():
                         file.create_dataset(f"{group}/{key}", data=value, track_times=False)
 
-        _write_durably(self.folder / name, write)
+        size = sum(np.asarray(value).nbytes for arrays in groups.values() for value in arrays.values())
+        write_durably(self.folder / name, write, size + HDF5_HEADERS)
         self.parts[name] = _digest_of_file(self.folder / name)
 
     def load(self) -> Saved | None:
@@ -120,7 +121,7 @@ class Checkpoint:
 
     def _write_index(self) -> None:
         text = json.dumps({"owner": self.owner, "parts": self.parts}, indent=2) + "\n"
-        _write_durably(self.folder / INDEX, lambda path: path.write_text(text, "utf-8"))
+        write_durably(self.folder / INDEX, lambda path: path.write_text(text, "utf-8"))
 
     def _require_same_owner(self, owner: dict[str, str]) -> None:
         again = "allowed: to go on with what began it, or to start again with --force"
@@ -175,23 +176,6 @@ def _read(path: Path, group: str, keys: Iterable[str] = ()) -> Arrays:
     """The arrays of a group of a part, all of them or those of some keys."""
     with h5py.File(path) as file:
         return {key: file[group][key][()] for key in keys or file[group]}
-
-
-def _write_durably(path: Path, writer: Callable[[Path], object]) -> None:
-    """Write to a temporary name, bring it to the disk, and rename."""
-    partial = path.with_name(f".{path.name}.partial")
-    writer(partial)
-    _bring_to_disk(partial)
-    os.replace(partial, path)
-    _bring_to_disk(path.parent)
-
-
-def _bring_to_disk(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _digest_of_file(path: Path) -> str:

@@ -8,10 +8,12 @@ piece, so that a long run need not be in memory; where the pieces are until then
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
 import platform
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -55,6 +57,7 @@ SUMS = (
     "momentum_rounding",
 )  # of the reference
 TRAJECTORY = ("positions", "velocities", "masses")
+HDF5_HEADERS = 16_384  # bytes, of a file with a few arrays
 LATER = (*TRAJECTORY, "contacts")  # what `Run.open` reads when it is asked for
 ROW_GROUP = 32_768  # rows of the ledger that are in memory at once when it is written, 6 MB
 
@@ -98,13 +101,19 @@ class Run:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "provenance.json").unlink(missing_ok=True)
-        self.case.save(folder / "case.toml")
-        _write(folder / "trajectory.h5", lambda path: self._write_arrays(path, trajectory))
-        _write(folder / "contacts.parquet", lambda path: _write_ledger(path, ledger))
-        _write(folder / "history.parquet", lambda path: self.history.to_parquet(path, index=False))
+        write_durably(folder / "case.toml", self.case.save)
+        size = self._size_of_arrays()
+        write_durably(folder / "trajectory.h5", lambda path: self._write_arrays(path, trajectory), size)
+        write_durably(folder / "contacts.parquet", lambda path: _write_ledger(path, ledger))
+        write_durably(folder / "history.parquet", lambda path: self.history.to_parquet(path, index=False))
         text = json.dumps(self.provenance, indent=2, sort_keys=True) + "\n"
-        _write(folder / "provenance.json", lambda path: path.write_text(text, "utf-8"))
+        write_durably(folder / "provenance.json", lambda path: path.write_text(text, "utf-8"))
         return folder
+
+    def _size_of_arrays(self) -> int:
+        numbers = len(self.times) * (1 + 7 * len(self.diameters)) + len(self.diameters)
+        surfaces = sum(s.z.size for s in (self.surface_initial, self.surface) if s is not None)
+        return 8 * (numbers + surfaces) + HDF5_HEADERS
 
     def _write_arrays(self, path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
         times, particles = len(self.times), len(self.diameters)
@@ -252,11 +261,40 @@ def _write_ledger(path: Path, pieces: Iterable[pd.DataFrame]) -> None:
             writer.write_table(held.combine_chunks(), ROW_GROUP)
 
 
-def _write(path: Path, writer: Callable[[Path], Any]) -> None:
-    """Write to a temporary name beside `path` and rename."""
+def write_durably(path: Path, writer: Callable[[Path], Any], size: int = 0) -> None:
+    """Write to a temporary name beside `path`, bring it to the disk, and rename.
+
+    Parameters: size, of a file that HDF5 will write, at least, bytes: that there is so much room is tried
+    first, because HDF5 itself may crash the process later when it has met a full disk.
+    Raises OSError that names `path`, whatever the library that writes raises.
+    """
     partial = path.with_name(f".{path.name}.partial")
-    writer(partial)
-    os.replace(partial, path)
+    try:
+        if size:
+            _require_room(partial, size)
+        writer(partial)
+        _bring_to_disk(partial)
+        os.replace(partial, path)
+        _bring_to_disk(path.parent)
+    except (OSError, RuntimeError) as problem:  # the latter from HDF5
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        told = re.search(r"errno = (\d+)", str(problem))
+        code = getattr(problem, "errno", None) or (int(told.group(1)) if told else errno.EIO)
+        raise OSError(code, os.strerror(code), str(path)) from None
+
+
+def _require_room(path: Path, size: int) -> None:
+    with path.open("wb") as file, contextlib.suppress(AttributeError):  # no such call on this system
+        os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _bring_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def history_row(
