@@ -87,7 +87,7 @@ def compare(
     `--study` and without cases only those studies are run; named cases are run without any.  What is finished
     is kept as it comes: --resume goes on, with the same options, to the same report.
     """
-    from cmpcheck.comparing import Interrupted, make_report
+    from cmpcheck.comparing import Stopped, make_report
     from cmpcheck.request import request_of
     from cmpcheck.trajectories import Options
 
@@ -99,8 +99,8 @@ def compare(
     )
     try:
         result = make_report(request, out, jobs or os.cpu_count() or 1, force, resume)
-    except Interrupted as stopped:
-        complain(str(stopped), INTERRUPTED)
+    except Stopped as stopped:
+        complain(str(stopped), stopped.code)
     _show(result, out, strict)
 
 

@@ -16,14 +16,18 @@ from cmpcheck.report import write_report
 from cmpcheck.request import Request
 from cmpcheck.results import SuiteResult
 from cmpcheck.sensitivity.page import section_beside
-from cmpcheck.shell import progress_bars
+from cmpcheck.shell import INTERRUPTED, progress_bars, sentence_of
 from cmpcheck.suite import run_suite
 
 RUNS = Path("runs")  # run folders that outlive a report
 
 
-class Interrupted(KeyboardInterrupt):
-    """An interrupted comparison, in one line: what is left, and how to go on."""
+class Stopped(RuntimeError):
+    """A comparison that was interrupted, or met a full disk, in one line: what is left, and how to go on."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code  # of the command's end
 
 
 def make_report(
@@ -39,7 +43,7 @@ def make_report(
     Every result is kept as it comes, one variant of a case at a time, so that an interrupted or killed
     comparison loses what was in flight.  `beside` may write more files into the folder, before it is shown.
     Raises OutputError for a folder that may not be written or holds nothing to go on with, CaseError for a
-    case that cannot be compared, OSError, and Interrupted.
+    case that cannot be compared, and Stopped.
     """
     staging = outputs.stage_report(out, force, resume)
     try:
@@ -50,12 +54,14 @@ def make_report(
             if beside is not None:
                 beside(result, staging)
         outputs.publish_report(staging, out)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OSError) as problem:
         outputs.release_report(staging)
         kept = f"{out} is as it was"
         if staging.exists():
             kept += "; the comparisons that are finished are kept; to go on: the same command with --resume"
-        raise Interrupted(f"interrupted: {kept}") from None
+        if isinstance(problem, OSError):
+            raise Stopped(f"{sentence_of(problem)}; {kept}", 1) from None
+        raise Stopped(f"interrupted: {kept}", INTERRUPTED) from None
     except BaseException:
         outputs.release_report(staging)
         raise

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cmpcheck.shell import INTERRUPTED, BadInput, command, complain
+from cmpcheck.shell import BadInput, command, complain
 
 if TYPE_CHECKING:
     from cmpcheck.results import SuiteResult
@@ -36,7 +36,7 @@ def rerun(
     row by row.  changes.md and changes.json lie beside the new report; exit code 1 when a result changed by
     more than round-off.
     """
-    from cmpcheck.comparing import Interrupted, make_report
+    from cmpcheck.comparing import Stopped, make_report
     from cmpcheck.report import report_json
     from cmpcheck.request import read_report, request_of_report
     from cmpcheck.rerun import Changes, compare_reports
@@ -62,8 +62,8 @@ def rerun(
 
     try:
         result = make_report(request, out, jobs or os.cpu_count() or 1, force, resume, write_changes)
-    except Interrupted as stopped:
-        complain(str(stopped), INTERRUPTED)
+    except Stopped as stopped:
+        complain(str(stopped), stopped.code)
     changes = compared(result)
     for line in sentences(changes):
         typer.echo(line)
