@@ -92,11 +92,21 @@ class Store:
 
     @classmethod
     def resume(cls, folder: Path, case: Case) -> Store:
-        """The store of a run of this case that goes on; raises OutputError for anything else."""
+        """The store of a run of this case that goes on, or an empty one where a run was killed at its start.
+
+        Raises OutputError for anything else.
+        """
         if not (folder / FILE).is_file():
+            if folder.is_dir() and {path.name for path in folder.iterdir()} == {CASE_FILE}:
+                return cls.create(folder, case, force=True)
             raise OutputError(
                 f"{folder}: holds no optimisation to go on with; leave --resume out to start one"
             )
+        with _connected(folder) as sql:
+            begun = sql.execute("SELECT count(*) FROM sqlite_master WHERE name = 'meta'").fetchone()[0]
+            begun = begun and sql.execute("SELECT count(*) FROM meta").fetchone()[0]
+        if not begun:
+            return cls.create(folder, case, force=True)
         with _connected(folder, keep=True) as sql:
             meta = dict(sql.execute("SELECT key, value FROM meta"))
             if meta.get("schema") != SCHEMA:
