@@ -38,28 +38,28 @@ class Section(NamedTuple):
 SECTIONS = (
     Section(
         "kill", "Killed",
-        "A run, a comparison or a search that is killed by SIGKILL at any moment goes on with --resume to the "
-        "same arrays.  A run loses at most the time since its last checkpoint (every 10 s; here every 0.3 s), a "
-        "comparison the variants of cases and a search the samples that were in flight.  A file is there under "
-        "its name as a whole or not at all.",
+        "A run, a comparison or a search that is killed by SIGKILL at any moment goes on with --resume to "
+        "the same arrays.  A run loses at most the time since its last checkpoint (every 10 s; here every "
+        "0.3 s), a comparison the variants of cases and a search the samples that were in flight.  A file is "
+        "there under its name as a whole or not at all.",
     ),
     Section(
         "disk", "Disk full, folder gone, no permission",
-        "One line, exit code 1 or 2, no traceback; what was written before is readable, and --resume goes on to "
-        "the same arrays.",
+        "One line, exit code 1 or 2, no traceback; what was written before is readable, and --resume goes on "
+        "to the same arrays.",
     ),
     Section(
         "engines", "Engines that fail",
         "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS or LIGGGHTS is `error` for that "
-        "engine's comparisons of that variant, with the reason and the last lines of its log; the rest goes on.  "
-        "Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] timeout`, 600 s "
-        "where the case says nothing, is ended.  An engine of another package runs in the worker itself: when it "
-        "crashes, the rows of its variant are errors; one that hangs is not ended.",
+        "engine's comparisons of that variant, with the reason and the last lines of its log; the rest goes "
+        "on.  Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] "
+        "timeout`, 600 s where the case says nothing, is ended.  An engine of another package runs in the "
+        "worker itself: when it crashes, the rows of its variant are errors; one that hangs is not ended.",
     ),
     Section(
         "repeat", "The same bits",
-        "A case and its seed give the same arrays whatever the number of workers and threads, the folder, the "
-        "locale, the time zone, and whether compiled code was there.",
+        "A case and its seed give the same arrays whatever the number of workers and threads, the folder, "
+        "the locale, the time zone, and whether compiled code was there.",
     ),
     Section(
         "input", "Bad input",
@@ -134,7 +134,7 @@ def page(kept: dict[str, Any]) -> str:
     failed = [finding for finding in findings if not finding["holds"]]
     lines = [
         "# What cmpcheck survives", "",
-        "Written by `make reliability`; every number was measured.  The quick part of it is in the tests.", "",
+        "Written by `make reliability`; every number was measured.  Tests keep the quick part true.", "",
         f"{len(findings) - len(failed)} of {len(findings)} promises hold."
         + (f"  Not: {', '.join(plain(finding['name']) for finding in failed)}." if failed else ""),
     ]  # fmt: skip

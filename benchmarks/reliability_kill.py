@@ -313,8 +313,8 @@ def _finding(subject: Subject, tally: Tally, seconds: float, digests: int) -> Fi
     bound = subject.may_lose()
     holds = not (tally.failed or tally.damaged or tally.different) and tally.lost <= bound
     outcome = (
-        f"{tally.completed} of {tally.completed + len(tally.failed)} completed, resumed {tally.resumed} times; "
-        f"{tally.different} of them differ from the uninterrupted one in any of {digests} digests; "
+        f"{tally.completed} of {tally.completed + len(tally.failed)} completed, resumed {tally.resumed} "
+        f"times; {tally.different} of them differ from the uninterrupted one in any of {digests} digests; "
         f"{len(tally.damaged)} damaged files"
     )
     outcome += "".join(f"; {text}" for text in (tally.failed + tally.damaged)[:3])
