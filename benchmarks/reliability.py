@@ -50,9 +50,9 @@ SECTIONS = (
     ),
     Section(
         "engines", "Engines that fail",
-        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS or LIGGGHTS is `error` for that "
-        "engine's comparisons of that variant, with the reason and the last lines of its log; the rest goes "
-        "on.  Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] "
+        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS or LIGGGHTS is `error` for "
+        "that engine's comparisons of that variant, with the reason and the last lines of its log; the rest "
+        "goes on.  Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] "
         "timeout`, 600 s where the case says nothing, is ended.  An engine of another package runs in the "
         "worker itself: when it crashes, the rows of its variant are errors; one that hangs is not ended.",
     ),
@@ -62,7 +62,7 @@ SECTIONS = (
         "the locale, the time zone, and whether compiled code was there.",
     ),
     Section(
-        "input", "Bad input",
+        "inputs", "Bad input",
         "Files are data: no input gives a traceback, a hang, or a wrong `agree`.",
     ),
     Section(

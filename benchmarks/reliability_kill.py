@@ -64,6 +64,10 @@ class Subject(ABC):
     def digests(self, out: Path) -> dict[str, str]:
         """SHA-256 of all that came out, but for wall-clock times."""
 
+    def has_kept(self, out: Path) -> bool:
+        """Whether something that was computed is there."""
+        raise NotImplementedError
+
     def lost(self, out: Path, killed: float) -> float:
         """How much is lost by the kill at that time, in the subject's unit."""
         return 0.0
@@ -86,7 +90,7 @@ class Run(Subject):
         self.gaps: list[float] = []
 
     def command(self, out: Path, resume: bool) -> list[str]:
-        log = str(out.with_suffix(".progress"))
+        log = str(self.folder / f"{out.name}.progress")
         words = [sys.executable, "-m", "benchmarks.reliability_kill", "--child", log]
         return [*words, "run", str(self.folder / "short.toml"), "--out", str(out), *["--resume"] * resume]
 
@@ -101,8 +105,11 @@ class Run(Subject):
     def digests(self, out: Path) -> dict[str, str]:
         return digests_of(out)
 
+    def has_kept(self, out: Path) -> bool:
+        return (out / "checkpoint" / "part-00000.h5").exists()
+
     def lost(self, out: Path, killed: float) -> float:
-        log = out.with_suffix(".progress")
+        log = self.folder / f"{out.name}.progress"
         moments = np.fromfile(log).tolist() if log.exists() else []
         self.gaps += [b - a for a, b in pairwise(moments)]
         index = out / "checkpoint" / INDEX
@@ -136,6 +143,9 @@ class Compare(Subject):
     def digests(self, out: Path) -> dict[str, str]:
         report = json.loads((out / "report.json").read_text("utf-8"))
         return {"report.json": json_digest(report)} | digests_of(out / "data")
+
+    def has_kept(self, out: Path) -> bool:
+        return count_finished(out / STAGING) > 0
 
     def lost(self, out: Path, killed: float) -> float:
         before, self.kept = self.kept, count_finished(out / STAGING)
@@ -186,6 +196,9 @@ class Optimise(Subject):
         for name in ("table.csv", "strings.csv"):
             tables |= table_digests(name, pd.read_csv(out / name).drop(columns="seconds", errors="ignore"))
         return tables
+
+    def has_kept(self, out: Path) -> bool:
+        return _samples(out / FILE) > 0
 
     def lost(self, out: Path, killed: float) -> float:
         before, self.kept = self.kept, _samples(out / FILE)
