@@ -32,7 +32,7 @@ from reference.case import Case, load_case
 from reference.process import build_setup
 
 CASE, FIX_CASE = "pair_slip", "wall_bounce"
-TIMEOUT = 5.0  # s
+TIMEOUT, PATIENCE = 5.0, 120.0  # s, for a run that hangs, and for others
 DRIVER = {"lammps": '\nif "${driver} != standalone', "liggghts": '\nif "${driver} != 0'}
 WORDS = "the last words before the fault"
 LATE = f"no answer within {TIMEOUT:g} s"
@@ -78,7 +78,7 @@ def _fault(kind: Callable, name: str, fault: Fault, folder: Path) -> Finding:
     path = folder / f"in.{name}"
     path.write_text(text.replace(line, f'\nprint "{WORDS}"\n{fault.command}{line}'), "utf-8")
     case = load_case(CASE)
-    table = {**case.engine[engine.name], "timeout": TIMEOUT}
+    table = {**case.engine[engine.name], "timeout": TIMEOUT if LATE in fault.said else PATIENCE}
     case = case.model_copy(update={"engine": {**case.engine, engine.name: table}})
     return _tried(f"{engine.name}, {name}", fault.done, lambda: _run(kind({CASE: path}), case), fault.said)
 
@@ -116,7 +116,7 @@ def _tried(name: str, done: str, run: Callable[[], object], said: tuple[str, ...
     engine = name.partition(",")[0]
     _run(make_engine(engine), load_case(CASE))
     told = outcome.partition(": ")[2] or outcome
-    return Finding(name, done, _short(told), holds and seconds < 60.0, {"s until the error": seconds})
+    return Finding(name, done, _short(told), holds and seconds < PATIENCE, {"s until the error": seconds})
 
 
 def _short(text: str) -> str:
