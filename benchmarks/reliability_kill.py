@@ -31,7 +31,8 @@ from benchmarks.reliability_finding import Finding
 from cmpcheck.optimise.store import FILE
 from cmpcheck.outputs import STAGING, count_finished
 from reference.case import load_case
-from reference.checkpoint import INDEX
+from reference.checkpoint import FOLDER as CHECKPOINTS
+from reference.checkpoint import INDEX, is_complete
 
 KILLS = {"run": (4, 20), "compare": (2, 15), "optimise": (2, 15)}  # quick and full, 50 in all
 SEED = 9
@@ -98,9 +99,7 @@ class Run(Subject):
         return out.exists()
 
     def complete(self, out: Path) -> bool:
-        return (out / "provenance.json").exists() and json.loads((out / "provenance.json").read_text())[
-            "complete"
-        ]
+        return is_complete(out) and not (out / CHECKPOINTS).exists()
 
     def digests(self, out: Path) -> dict[str, str]:
         return digests_of(out)
