@@ -150,8 +150,8 @@ def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
     held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     ours = any(folder.rglob("provenance.json")) or any(folder.rglob(INDEX))
     files = [path.name for path in folder.rglob("*") if path.is_file()]
-    begun = all(name == "case.toml" or name[0] == "." for name in files)  # it stopped before it recorded
-    if held and resume and not ours and not begun:  # begun: stopped before anything was recorded
+    begun = all(name == "case.toml" or name[0] == "." for name in files)  # and stopped before it recorded
+    if held and resume and not ours and not begun:
         raise OutputError(
             f"{folder}: holds {held[0]} and no run to go on with; choose another folder, or --force to write "
             "over it"
