@@ -126,6 +126,12 @@ def spelled(key: Key) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")
 
 
+def one_line(problem: object, longest: int = 240) -> str:
+    """What a library has to say of a file: one line of printable characters, of bounded length."""
+    text = " ".join(str(problem).split())[:longest]
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
+
+
 def nearest(name: object, known: Iterable[str]) -> str:
     """`did you mean X? ` if a known name is near, and the list of all known ones."""
     names = sorted(known)
