@@ -20,7 +20,8 @@ WORDS = (
     b"../../x", b"/etc/passwd", b"/dev/zero", b"..", b".", b"", b"<script>alert(1)</script>", b"\x1b[31m",
     b"__import__('os').system('id')", b"{{7*7}}", b"${HOME}", b"%s%n", b"a" * 300, b"a.b." * 400 + b"c",
     b"[" * 300, b"kg", b"um", b"m**-1", b"degC", b"m/s", b"1/0", b"9**9**9", b"si", b"micro", b"time", b"x",
-    b"vx", b"particle", b"mass", b"\xff\xfe", b"\x00", "é".encode(), "١".encode(), b"variant", b"engine", b"name",
+    b"vx", b"particle", b"mass", b"\xff\xfe", b"\x00", "é".encode(), "١".encode(), b"variant", b"engine",
+    b"name",
     b"ITEM: TIMESTEP", b"ITEM: ATOMS id x y z", b"# units: nano", b"# contact_duration: 1", b"# time_step: 1",
 )  # fmt: skip
 SIGNS = (

@@ -1,13 +1,15 @@
-"""Inputs from a seed, without looking at the code: `python -m benchmarks.fuzz.plain TARGET COUNT [SEED]`.
+"""Inputs from a seed, blind: `python -m benchmarks.fuzz.plain TARGET COUNT [SEED [FILE]]`.
 
 The k-th input of a seed is the same on every machine, so that a finding is repeated by its number.
 """
 
 from __future__ import annotations
 
+import json
 import random
 import sys
 from collections import Counter
+from pathlib import Path
 
 from benchmarks.fuzz.mutations import spoilt
 from benchmarks.fuzz.seeds import SEEDS
@@ -37,11 +39,14 @@ def run(target: str, count: int, seed: int = 0) -> tuple[Counter[str], dict[int,
 
 
 def main() -> None:
-    target, count, *seed = sys.argv[1:]
-    counts, findings = run(target, int(count), int(seed[0]) if seed else 0)
+    target, count, *rest = sys.argv[1:]
+    counts, findings = run(target, int(count), int(rest[0]) if rest else 0)
     for k, what in findings.items():
         print(f"{target} {k}: {what}")
     print(dict(counts))
+    if rest[1:]:
+        found = [{"what": what, "input": k} for k, what in findings.items()]
+        Path(rest[1]).write_text(json.dumps({"counts": counts, "findings": found}), "utf-8")
 
 
 if __name__ == "__main__":

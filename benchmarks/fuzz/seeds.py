@@ -113,7 +113,7 @@ def series() -> list[bytes]:
 
 def decks() -> list[bytes]:
     """Decks that ship, with flags."""
-    flags = b"-in\nin.case\n-var\nrestitution\n0.5\n-log\nnone"
+    flags = b"-in\nin.case\n-var\ndriver\nmine\n-log\nnone"
     paths = [path for path in sorted(deck_folder().glob("in.*")) if path.is_file()]
     return [flags + CUT + path.read_bytes() for path in paths[:6]]
 

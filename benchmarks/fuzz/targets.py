@@ -117,10 +117,10 @@ def _setup() -> Setup:
     return build_setup(seeds.pair())
 
 
-def _judged(path: Path) -> None:
+def _judged(path: Path, units: str = "si") -> None:
     """The verdicts on a trajectory: agreement with what is clearly wrong is a finding."""
     setup = _setup()
-    found = evidence(path, setup, Options("si"), judge_of(setup))
+    found = evidence(path, setup, Options(units), judge_of(setup))
     rows = {(m.quantity, m.place): verdict for m, verdict, _ in verdicts(judge_of(found.setup), found)}
     wrong = _wrong(found)
     if wrong and all(verdict.status == "agree" for verdict in rows.values()):
@@ -153,16 +153,16 @@ def _wrong(found: Evidence) -> dict[str, str]:
     return wrong
 
 
-def _file(name: str) -> Callable[[bytes, Path], None]:
+def _file(name: str, units: str = "si") -> Callable[[bytes, Path], None]:
     def target(data: bytes, folder: Path) -> None:
         (folder / name).write_bytes(data)
-        _judged(folder / name)
+        _judged(folder / name, units)
 
     return target
 
 
 def series(data: bytes, folder: Path) -> None:
-    """An index and its files, which are beside it; in front one byte that says how the index ends."""
+    """An index and its files, which are beside it."""
     index, *files = data.split(seeds.CUT)
     name = "mine.series" if index.lstrip()[:1] == b"{" else "mine.pvd"
     (folder / name).write_bytes(index)
@@ -263,7 +263,7 @@ TARGETS: dict[str, Callable[[bytes, Path], None]] = {
     "case": case,
     "table": _file("mine.csv"),
     "parquet": _file("mine.parquet"),
-    "dump": _file("mine.dump"),
+    "dump": _file("mine.dump", "micro"),
     "series": series,
     "text": text,
     "deck": deck,
