@@ -18,7 +18,7 @@ from pydantic import ValidationError
 Key = tuple[str | int, ...]
 MOST_BYTES = 2_000_000  # of a case file: 10 000 particles placed by hand, and room for words
 MOST_LEVELS = 20  # of tables within tables; a case needs five
-MOST_SEARCHED = 20_000_000  # characters that are parsed again to find the line of a key, a second or two
+MOST_SEARCHED = 2_000_000  # characters that are parsed again to find the line of a key, a second or two
 LONGEST = 60  # characters of a value that are shown
 WORD = re.compile(r"[\w-]{1,60}")  # keys that are shown as they are
 MISSING = object()  # the value of a key that is not there
