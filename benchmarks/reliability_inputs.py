@@ -36,11 +36,12 @@ WHAT = {
 
 
 def findings(full: bool = False) -> list[Finding]:
-    """One for each kind of input."""
-    return [
-        _finding(target, _run(target, count if full else count // QUICK, full))
-        for target, count in COUNTS.items()
-    ]
+    """One for each kind of input, told on the way."""
+    found = []
+    for target, count in COUNTS.items():
+        found.append(_finding(target, _run(target, count if full else count // QUICK, full)))
+        print(found[-1].line(), file=sys.stderr, flush=True)
+    return found
 
 
 def _run(target: str, count: int, full: bool) -> dict[str, Any]:
