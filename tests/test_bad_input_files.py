@@ -30,12 +30,14 @@ import reference
 from benchmarks.fuzz import mutations, plain, seeds, targets
 from cmpcheck.cli import app
 from cmpcheck.trajectories import frames
+from cmpcheck.trajectories.digits import text_resolution
 from cmpcheck.trajectories.starts import read
 from reference import toml_source
 from reference.case import CASES, Case, CaseError, load_case
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate
+from reference.units import to_si
 
 DRAWN = {
     "case": 60, "table": 60, "parquet": 40, "dump": 60, "series": 40, "text": 150, "deck": 100, "folder": 40,
@@ -244,6 +246,17 @@ def test_the_line_of_a_key_in_a_long_list_is_not_searched_for_ever(tmp_path):
 def test_what_no_machine_computes_is_refused_before_it_is_tried(tmp_path, old, new, said):
     path = case_text(tmp_path, old, new)
     assert said in refusal(lambda: build_setup(load_case(path).variants()[0]))
+
+
+@pytest.mark.parametrize("text", ["9" * 60_000 + "x", "9" * 60_000, "1 " + "m*" * 30_000 + "m"])
+def test_a_long_text_is_refused_at_once(text):
+    """It took the parser of numbers half a minute, and that of units longer."""
+    begin = time.perf_counter()
+    assert targets.tried("text", text.encode()) == "taken"  # a ValueError, for every unit
+    with pytest.raises(ValueError, match="characters, more than 200"):
+        to_si(text, "m")
+    assert text_resolution({"x": [text]}, {"x": 1.0})["x"] > 0.0
+    assert time.perf_counter() - begin < 5.0
 
 
 # what they have found: trajectories
