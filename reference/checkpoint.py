@@ -24,6 +24,7 @@ import numpy as np
 from reference.case import Case, CaseError
 from reference.recording import HDF5_HEADERS, Run, version_of_code, write_durably
 from reference.state import Setup
+from reference.toml_source import one_line
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
 PART = re.compile(r"part-\d{5,}\.h5")
@@ -107,7 +108,7 @@ class Checkpoint:
 
     def damaged(self, problem: Exception) -> CaseError:
         """The error to raise for what cannot be restored, also found by those who know what it means."""
-        said = " ".join(str(problem).split())[:200]
+        said = one_line(problem)
         return CaseError(
             f"{self.folder}: the checkpoint is damaged ({said}); allowed: to start again with --force"
         )

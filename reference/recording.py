@@ -33,6 +33,7 @@ from reference.heightfield import Heightfield, flatness
 from reference.ledger import empty_ledger, ledger_frame
 from reference.origin import commit, digest, machine
 from reference.state import State
+from reference.toml_source import one_line
 
 HISTORY = (
     "time", "flatness", "pad_height", "removed_volume", "removed_mass", "kinetic_energy",
@@ -244,7 +245,7 @@ def _reading(folder: Path) -> Iterator[None]:
         RuntimeError,
         pa.ArrowException,
     ) as problem:
-        raise CaseError(f"{folder}: not a run folder: {' '.join(str(problem).split())}") from None
+        raise CaseError(f"{folder}: not a run folder: {one_line(problem)}") from None
 
 
 def _write_ledger(path: Path, pieces: Iterable[pd.DataFrame]) -> None:

@@ -254,8 +254,15 @@ class _Recorder:
         self.scalars[:] = state["progress"]
         self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
         self.stops, sessions, buffer = map(int, state["counts"])
-        if not (self.stops >= 0 and 0 < buffer <= MOST_LEDGER_ROWS and np.isfinite(self.scalars[P.time])):
-            raise ValueError(f"{self.stops} stops and a buffer of {buffer} rows")
+        now, step = self.scalars[P.time], self.scalars[P.step]
+        if not (
+            0 <= self.stops <= len(_stops(self.setup))
+            and 0 < buffer <= MOST_LEDGER_ROWS
+            and 0.0 <= now <= self.setup.end_time
+            and 0.0 < step <= self.setup.time_step
+            and 0.0 <= self.scalars[P.steps] < 1e18
+        ):
+            raise ValueError(f"stop {self.stops}, a buffer of {buffer} rows, time {now:g} s, step {step:g} s")
         self.rows = empty_ledger(buffer)
         self.spool.restore()
         self.earlier, self.sessions = float(state["wall_time"]), sessions + 1

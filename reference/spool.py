@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from reference.checkpoint import Arrays, Checkpoint, read_rows
-from reference.ledger import empty_ledger, ledger_frame
+from reference.ledger import KIND, KINDS, I, J, empty_ledger, ledger_frame
 from reference.recording import HISTORY, SUMS, TRAJECTORY
 
 SPILL_BYTES = 4 << 20  # of rows in memory, from which on they are written
@@ -25,7 +25,7 @@ class Spool:
     """The rows of a run; without a checkpoint, all of them are in memory."""
 
     def __init__(self, checkpoint: Checkpoint | None, particles: int) -> None:
-        self._checkpoint = checkpoint
+        self._checkpoint, self._particles, self._row = checkpoint, particles, empty_ledger(0).shape[1:]
         self._none = {  # of each kind, no row
             "positions": np.empty((0, particles, 3)), "velocities": np.empty((0, particles, 3)),
             "masses": np.empty((0, particles)),
@@ -68,9 +68,10 @@ class Spool:
         return rows
 
     def restore(self) -> None:
-        """Be as at the checkpoint, which was loaded."""
+        """Be as at the checkpoint, which was loaded.  Raises ValueError for rows of no run like this."""
         assert self._checkpoint is not None
-        for rows in read_rows(self._checkpoint.files, ("times", "history", *TRAJECTORY)):
+        for rows in read_rows(self._checkpoint.files, ("times", "history", "ledger", *TRAJECTORY)):
+            self._check(rows)
             self.times += rows["times"].tolist()
             self._history += rows["history"].tolist()
             if len(rows["times"]):
@@ -91,6 +92,17 @@ class Spool:
         files = () if self._checkpoint is None else self._checkpoint.files
         ledger = (rows["ledger"] for rows in read_rows(files, ("ledger",)))
         return map(ledger_frame, chain(ledger, [self._ledger_in_memory()]))
+
+    def _check(self, rows: Arrays) -> None:
+        frames, contacts = len(rows["times"]), len(rows["ledger"])
+        shapes = {name: (frames, *none.shape[1:]) for name, none in self._none.items()}
+        shapes |= {"times": (frames,), "history": (frames, len(COLUMNS)), "ledger": (contacts, *self._row)}
+        for name, shape in shapes.items():
+            if rows[name].shape != shape or rows[name].dtype != float:
+                raise ValueError(f"{name} is {rows[name].dtype} of shape {rows[name].shape}")
+        who = rows["ledger"][:, [KIND, I, J]]
+        if not ((who >= [0, 0, -1]) & (who < [len(KINDS), self._particles, self._particles])).all():
+            raise ValueError("a contact is of no kind or of no particle")
 
     def _frames_in_memory(self) -> Arrays:
         return {

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 Key = tuple[str | int, ...]
 MOST_BYTES = 2_000_000  # of a case file: 10 000 particles placed by hand, and room for words
 MOST_LEVELS = 20  # of tables within tables; a case needs five
-MOST_SEARCHED = 20_000_000  # characters that are parsed again to find the line of a key, a second or two
+MOST_SEARCHED = 2_000_000  # characters that are parsed again to find the line of a key, a second or two
 LONGEST = 60  # characters of a value that are shown
 WORD = re.compile(r"[\w-]{1,60}")  # keys that are shown as they are
 MISSING = object()  # the value of a key that is not there
@@ -124,6 +124,12 @@ def spelled(key: Key) -> str:
     """A key as one writes it: particle[0].diameter."""
     parts = (part if isinstance(part, int) or WORD.fullmatch(part) else _shown(part) for part in key)
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")
+
+
+def one_line(problem: object, longest: int = 240) -> str:
+    """What a library has to say of a file: one line of printable characters, of bounded length."""
+    text = " ".join(str(problem).split())[:longest]
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
 def nearest(name: object, known: Iterable[str]) -> str:

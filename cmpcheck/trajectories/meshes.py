@@ -5,6 +5,8 @@ The index may say its units: an attribute units="si" of the first element of .pv
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 from pathlib import Path, PurePath
@@ -17,15 +19,16 @@ import numpy as np
 from cmpcheck.trajectories.digits import binary_resolution, text_resolution
 from cmpcheck.trajectories.frames import (
     DECLARED,
+    LARGEST,
     MOST_TIMES,
     Frames,
     canonical,
     check_size,
     declare,
-    one_line,
     shown,
+    unusable,
 )
-from reference.toml_source import CaseError
+from reference.toml_source import CaseError, one_line
 
 READERS = {".vtu": meshio.vtu.read, ".vtk": meshio.vtk.read}
 VECTORS = {"velocity", "vel", "v", "linvelvec"}  # names of the velocity, in lower case
@@ -67,6 +70,8 @@ def _pvd(path: Path, text: str) -> tuple[list[tuple[float, str]], dict[str, Any]
     for entry in root.iter("DataSet"):
         try:
             time, part = float(entry.get("timestep", "")), int(entry.get("part", "0"))
+            if not abs(time) <= LARGEST:
+                raise ValueError
         except ValueError:
             raise CaseError(f"{path}: a DataSet whose timestep or part is not a number") from None
         sets.setdefault(time, {})[part] = entry.get("file", "")
@@ -78,8 +83,10 @@ def _series(path: Path, text: str) -> tuple[list[tuple[float, str]], dict[str, A
     try:
         said = json.loads(text)
         listed = [(float(entry["time"]), str(entry["name"])) for entry in said["files"]]
+        if not all(abs(time) <= LARGEST for time, _ in listed):
+            raise ValueError("a time is not finite")
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise CaseError(f"{path}: not a .series index: {problem!r}") from None
+        raise CaseError(f"{path}: not a .series index: {one_line(problem)}") from None
     return listed, said
 
 
@@ -103,7 +110,10 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     except OSError as problem:
         raise CaseError(f"{path}: {problem.strerror}") from None
     try:
-        mesh = READERS[path.suffix](str(path))
+        with contextlib.redirect_stderr(io.StringIO()) as said:  # where meshio says what it leaves out
+            mesh = READERS[path.suffix](str(path))
+        if "Skipping" in said.getvalue():
+            raise ValueError(said.getvalue())
         points, data = np.asarray(mesh.points), dict(mesh.point_data)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError("its points have no three coordinates")
@@ -121,6 +131,9 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
             flat = array.reshape(-1)
             if ours in ("mass", "diameter", "particle"):
                 columns[ours] = 2.0 * flat if name.lower() in ("radius", "radii") else flat
+    for name, values in columns.items():
+        if unusable(values).any():
+            raise CaseError(f"{path}: {name} is not finite")
     resolution = {name: _resolution(values, _digits(raw, path.suffix)) for name, values in columns.items()}
     return {name: values.astype(float) for name, values in columns.items()}, resolution
 

@@ -231,7 +231,8 @@ def _check_times(path: Path, times: np.ndarray, setup: Setup, time_step: float) 
         raise CaseError(
             f"{path}: ends at {times[-1]:g} s, but the case lasts {end:g} s; allowed: the whole case"
         )
-    beyond = max(step, END * end, float(times[-1] - times[-2]) if len(times) > 1 else 0.0)
+    interval = float(times[-1] - times[-2]) if len(times) > 1 else 0.0
+    beyond = min(max(step, END * end, interval), end)
     if times[-1] > end + beyond:
         raise CaseError(
             f"{path}: ends at {times[-1]:g} s, but the case lasts {end:g} s; allowed: an output more"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,11 @@ from cmpcheck.trajectories.frames import (
     canonical,
     check_numbers,
     declare,
-    one_line,
     rename,
     shown,
+    unusable,
 )
-from reference.toml_source import CaseError
+from reference.toml_source import CaseError, one_line
 
 SEPARATORS = (",", ";", "\t")
 
@@ -52,11 +53,13 @@ def read_csv(path: Path) -> Frames:
         )
     separator = next((sign for sign in SEPARATORS if sign in body[0]), r"\s+")
     try:
-        table = pd.read_csv(
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more values than columns
+            table = pd.read_csv(
             io.StringIO("\n".join(body)), sep=separator, dtype=str, keep_default_na=False, index_col=False,
             skipinitialspace=True, quoting=3, on_bad_lines="error",
         )  # fmt: skip
-    except (ValueError, pd.errors.ParserError) as problem:
+    except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning) as problem:
         raise CaseError(f"{path}: not a table: {one_line(problem)}") from None
     known = {name: table[name] for name in table.columns if canonical(str(name)) in COLUMNS}
     texts = rename_texts(path, known)
@@ -68,7 +71,7 @@ def read_csv(path: Path) -> Frames:
                 f"{path}: row {int(short.to_numpy().argmax()) + 1} of the table has no {shown(name)}"
             )
         numbers = pd.to_numeric(series, errors="coerce").to_numpy(float)
-        bad = ~np.isfinite(numbers)
+        bad = unusable(numbers)
         if bad.any():
             row = int(bad.argmax())
             raise CaseError(
@@ -123,7 +126,7 @@ def read_parquet(path: Path) -> Frames:
     found += [(key, str(value)) for key, value in _attributes(said).items() if key in DECLARED]
     doubles = {name: values.astype(float) for name, values in columns.items()}
     for name, values in doubles.items():
-        bad = ~np.isfinite(values)
+        bad = unusable(values)
         if bad.any():
             raise CaseError(
                 f"{path}: row {int(bad.argmax()) + 1}: {name} is not finite; allowed: finite numbers"
