@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,11 +22,8 @@ from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.engines.child import Child, ChildError, ChildLost
 from cmpcheck.engines.lammps_contract import check_deck
-from cmpcheck.engines.lammps_library import EngineError
-from cmpcheck.engines.lammps_setup import Deck, deck_path
 from cmpcheck.engines.protocol import Engine, NotSupported, Resolution, timeout_of
 from cmpcheck.ensembles import check_settings, compare_ensembles
-from cmpcheck.figures.report import report_illustrations
 from cmpcheck.finished import Finished
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
@@ -36,20 +32,16 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published import benchmark_names, load_benchmark
-from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
+from cmpcheck.published.run import RUNNERS, BenchmarkTask
 from cmpcheck.records import settled
 from cmpcheck.results import (
     CaseResult,
     Comparison,
     EngineInfo,
-    Illustration,
     Outcome,
-    StudyResult,
     SuiteResult,
 )
 from cmpcheck.soft_study import compare_soft
-from cmpcheck.studies.registry import STUDIES, run_studies
-from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import (
     Study,
     align_outputs,
@@ -60,12 +52,12 @@ from cmpcheck.study import (
     reference_study,
     unobserved,
 )
+from cmpcheck.suite_parts import Progress, deck_digests, find_benchmarks, find_illustrations, find_studies
 from cmpcheck.trajectories import ENGINE as TRAJECTORY
 from cmpcheck.trajectories import Trajectories, compare_file
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
-Progress = Callable[[str, int, int], None]  # case or study, tasks done, tasks in all
 REFERENCE_TRACES = ("exact", "reference")
 ENSEMBLE_FORMS = ("impulse", "soft")  # of the contacts with surface and pad
 NO_TABLE = "the case has no [engine.{0}] with contact_duration and steps_per_contact"
@@ -210,7 +202,7 @@ def run_suite(
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
-    results += _benchmarks(
+    results += find_benchmarks(
         [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
         jobs,
         kept,
@@ -237,10 +229,10 @@ def run_suite(
         origin["benchmarks"] = {name: {"digest": load_benchmark(name).digest} for name in published}
     result = SuiteResult(profile, infos, results, origin)
     try:
-        result.illustrations = _illustrations(loaded, profile, folder / "data", jobs, kept)
+        result.illustrations = find_illustrations(loaded, profile, folder / "data", jobs, kept)
     except Exception as problem:  # pictures must not cost the comparisons
         results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
-    result.studies = _studies(studies, profile, folder, runs, jobs, kept, progress)
+    result.studies = find_studies(studies, profile, folder, runs, jobs, kept, progress)
     result.seconds = time.perf_counter() - begin
     return result
 
@@ -258,73 +250,6 @@ def _outcomes(tasks: list[Task], jobs: int, kept: Finished) -> Iterator[tuple[Ta
         if not outcome.lost:
             kept.put("tasks", task.label, outcome)
         yield task, outcome
-
-
-def _benchmarks(
-    tasks: list[BenchmarkTask], jobs: int, kept: Finished, told: Callable[[str], None] | None
-) -> list[CaseResult]:
-    """Every benchmark in order, from what is kept where it is."""
-    found = {task.name: kept.get("benchmarks", task.name) for task in tasks}
-
-    def done(result: CaseResult, lost: bool) -> None:
-        if not lost:
-            kept.put("benchmarks", result.name, result)
-        if told is not None:
-            told(result.name)
-
-    new = run_benchmarks([task for task in tasks if found[task.name] is None], jobs, done)
-    if told is not None:
-        for name, result in found.items():
-            if result is not None:
-                told(name)
-    found |= {result.name: result for result in new}
-    return list(found.values())
-
-
-def _illustrations(
-    cases: list[Case], profile: str, folder: Path, jobs: int, kept: Finished
-) -> list[Illustration]:
-    found = kept.get("illustrations", "all")
-    if found is None:
-        found = report_illustrations(cases, profile, folder, jobs)
-        kept.put("illustrations", "all", found)
-    return list(found)
-
-
-def _studies(
-    names: Sequence[str], profile: str, folder: Path, runs: Path, jobs: int, kept: Finished,
-    progress: Progress | None,
-) -> list[StudyResult]:  # fmt: skip
-    """Every study in the registry's order, from what is kept where it is."""
-
-    def keep(study: StudyResult) -> None:
-        if not study.error:
-            kept.put("studies", study.name, study)
-        write_csv([study], folder / "data" / "studies")
-        if progress is not None:
-            progress(study.name, 1, 1)
-
-    found = {name: kept.get("studies", name) for name in names}
-    for study in found.values():
-        if study is not None:
-            keep(study)
-    new = run_studies([name for name in names if found[name] is None], profile, runs, jobs, keep)
-    found |= {study.name: study for study in new}
-    return [settled(found[name]) for name in STUDIES if name in found]
-
-
-def deck_digests(
-    cases: list[Case], benchmarks: list[str], engines: tuple[str, ...], decks: dict[str, Path]
-) -> dict[str, dict[str, str]]:
-    """SHA-256 of the deck of each case that an engine reads one for."""
-    found: dict[str, dict[str, str]] = {}
-    for name in (*(case.name for case in cases if case.engine), *benchmarks):
-        for engine in set(engines) & set(RUNNERS):
-            with suppress(EngineError):  # the case has none
-                own = decks.get(name) if engine == "lammps" else None
-                path = own or deck_path(name, "" if engine == "lammps" else engine)
-                found.setdefault(name, {})[engine] = Deck.read(path).digest
-    return {name: dict(sorted(digests.items())) for name, digests in sorted(found.items())}
 
 
 def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
