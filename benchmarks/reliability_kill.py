@@ -127,7 +127,7 @@ class Compare(Subject):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self.kept = 0
+        self.kept: dict[Path, int] = {}  # at the last kill, by folder
 
     def command(self, out: Path, resume: bool) -> list[str]:
         words = [sys.executable, "-m", "cmpcheck", "compare", *COMPARED, "--jobs", "1", "--out", str(out)]
@@ -147,11 +147,9 @@ class Compare(Subject):
         return count_finished(out / STAGING) > 0
 
     def lost(self, out: Path, killed: float) -> float:
-        before, self.kept = self.kept, count_finished(out / STAGING)
-        gone = before - self.kept if (out / STAGING).exists() else 0
-        if self.complete(out) or not out.exists():
-            self.kept = 0
-        return float(max(0, gone))
+        before = self.kept.get(out, 0)
+        self.kept[out] = count_finished(out / STAGING)
+        return float(max(0, before - self.kept[out])) if (out / STAGING).exists() else 0.0
 
 
 class Optimise(Subject):
@@ -167,7 +165,7 @@ class Optimise(Subject):
         part = case.optimise.model_copy(update={**small, "distribution_samples": 3})
         header = case.case.model_copy(update={"duration": 10e-6})
         case.model_copy(update={"case": header, "optimise": part}).save(folder / "search.toml")
-        self.kept = 0
+        self.kept: dict[Path, int] = {}  # at the last kill, by folder
 
     def command(self, out: Path, resume: bool) -> list[str]:
         words = [
@@ -200,8 +198,9 @@ class Optimise(Subject):
         return _samples(out / FILE) > 0
 
     def lost(self, out: Path, killed: float) -> float:
-        before, self.kept = self.kept, _samples(out / FILE)
-        return float(max(0, before - self.kept))
+        before = self.kept.get(out, 0)
+        self.kept[out] = _samples(out / FILE)
+        return float(max(0, before - self.kept[out]))
 
 
 def _samples(file: Path) -> int:

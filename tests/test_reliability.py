@@ -7,9 +7,10 @@ from types import SimpleNamespace
 
 import pandas as pd
 
-from benchmarks import reliability
+from benchmarks import reliability, reliability_kill
 from benchmarks.reliability_digests import array_digest, json_digest, table_digests
 from benchmarks.reliability_finding import Finding
+from cmpcheck import outputs
 
 HOLDS = Finding("run, killed", "Killed.", "the same | arrays", True, {"kills": 50.0, "exit code": "1"})
 FAILS = Finding("a <script>", "Tried.", "a traceback", False)
@@ -60,3 +61,15 @@ def test_digests_tell_bits_and_not_clocks():
     assert table_digests("t", table)["t/a"] == array_digest(pd.Series([0.0, 1.0]).to_numpy())
     assert json_digest({"a": 1, "timing": {"wall_time": 1}}) == json_digest({"a": 1, "timing": {}})
     assert json_digest({"a": 1}) != json_digest({"a": 2})
+
+
+def test_what_a_kill_loses_is_counted_in_each_folder_by_itself(tmp_path):
+    compare = reliability_kill.Compare(tmp_path)
+    for out, kept in (("a", 2), ("b", 0), ("b", 1)):  # another folder begins with nothing
+        folder = tmp_path / out / outputs.STAGING / outputs.FINISHED / "tasks"
+        folder.mkdir(parents=True, exist_ok=True)
+        for k in range(kept):
+            (folder / f"{k}.json").touch()
+        assert compare.lost(tmp_path / out, 0.0) == 0.0
+    (folder / "0.json").unlink()
+    assert compare.lost(tmp_path / "b", 0.0) == 1.0
