@@ -7,16 +7,28 @@ here are its options.  Errors and progress bars are `shell.py`.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 import cmpcheck.optimise.command
+import cmpcheck.rerun_command
 import cmpcheck.sensitivity.command  # noqa: F401  (they register themselves)
-from cmpcheck.shell import INTERRUPTED, BadInput, app, command, complain, progress_bars, show_fraction
+from cmpcheck.shell import (
+    INTERRUPTED,
+    BadInput,
+    app,
+    command,
+    complain,
+    progress_bars,
+    sentence_of,
+    show_fraction,
+)
+
+if TYPE_CHECKING:
+    from cmpcheck.results import SuiteResult
 
 
 class Profile(StrEnum):
@@ -24,9 +36,6 @@ class Profile(StrEnum):
 
     quick = "quick"
     full = "full"
-
-
-RUNS = Path("runs")  # run folders that outlive a report
 
 
 def main() -> None:
@@ -65,6 +74,9 @@ def compare(
     strict: Annotated[
         bool, typer.Option("--strict", help="exit 1 too when something was not tested")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="go on with a comparison that was interrupted or killed")
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="write into a folder that holds other files")
     ] = False,
@@ -72,54 +84,33 @@ def compare(
     """Compare engines and write a report.
 
     Runs every case in every engine, compares the runs with closed forms and with the reference.  With
-    `--study` and without cases only those studies are run; named cases are run without any.
+    `--study` and without cases only those studies are run; named cases are run without any.  What is finished
+    is kept as it comes: --resume goes on, with the same options, to the same report.
     """
+    from cmpcheck.comparing import Stopped, make_report
+    from cmpcheck.request import request_of
+    from cmpcheck.trajectories import Options
+
+    if resume and force:
+        raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")
+    options = Options(units, time_step, contact_duration)
+    request = request_of(
+        cases or [], engine or [], profile.value, deck or [], trajectory or [], options, study or []
+    )
+    try:
+        result = make_report(request, out, jobs or os.cpu_count() or 1, force, resume)
+    except Stopped as stopped:
+        complain(str(stopped), stopped.code)
+    _show(result, out, strict)
+
+
+def _show(result: SuiteResult, out: Path, strict: bool) -> NoReturn:
+    """What a terminal shows of a report, and the exit code."""
     from rich.console import Console
 
-    from cmpcheck import outputs
-    from cmpcheck.components import CASE as COMPONENTS
-    from cmpcheck.optimise.links import designs_beside
-    from cmpcheck.report import exit_code, summary_table, write_report
-    from cmpcheck.sensitivity.page import section_beside
-    from cmpcheck.suite import comparable_cases, run_suite, variants_by_case
-    from cmpcheck.trajectories import Options, requested
+    from cmpcheck.report import exit_code, summary_table
     from cmpcheck.verdicts import headline
 
-    studies = _studies(study or [], everything=profile is Profile.full and not cases)
-    names = cases or ([] if study else comparable_cases(profile.value, engine or []))
-    variants = variants_by_case(names)
-    loaded = {name: len(found) for name, found in variants.items()}
-    if len(loaded) < len(names):
-        raise BadInput(f"a case is named twice among {', '.join(names)}; allowed: each case once")
-    decks = _decks(deck or [], loaded)
-    files = requested(trajectory or [], variants, Options(units, time_step, contact_duration))
-    _require(engine or [])
-    staging = outputs.stage_report(out, force)
-    try:
-        with progress_bars() as bars:
-            components = not cases and not study
-            totals = loaded | dict.fromkeys([*([COMPONENTS] if components else []), *studies], 1)
-            tasks = {name: bars.add_task(name, total=total) for name, total in totals.items()}
-            result = run_suite(
-                names,
-                engine or None,
-                profile.value,
-                staging,
-                jobs or os.cpu_count() or 1,
-                decks,
-                lambda name, done, total: bars.update(tasks[name], completed=done, total=total),
-                studies,
-                RUNS,
-                files,
-                components,
-            )
-        write_report(result, staging, designs_beside(out), section_beside(out))
-        outputs.publish_report(staging, out)
-    except KeyboardInterrupt:
-        complain(f"interrupted: {out} is as it was; what was computed lies in {staging}", INTERRUPTED)
-    except BaseException:
-        outputs.discard_report(staging)
-        raise
     console = Console()
     if result.cases:
         console.print(summary_table(result))
@@ -146,13 +137,15 @@ def run(
     state every ten seconds; --resume goes on from there to the same numbers.
     """
     from cmpcheck import outputs
+    from cmpcheck.comparing import RUNS
+    from cmpcheck.request import require_engines
     from cmpcheck.single import run_variant
     from cmpcheck.summary import summary
     from reference.case import load_case
     from reference.checkpoint import is_complete
 
     loaded = load_case(case)
-    _require([engine])
+    require_engines([engine])
     if resume and force:
         raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")
     if resume and engine != "reference":
@@ -175,15 +168,23 @@ def run(
                     *(f"  {line}" for line in summary(result)),
                 ]
     except KeyboardInterrupt:
-        where = f" --out {out}" if out else ""
-        go_on = f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
+        go_on = _go_on(case, out, engine)
         complain(f"interrupted: {folder} keeps what was recorded, marked as not complete{go_on}", INTERRUPTED)
+    except OSError as problem:
+        keeps = f"; {folder} keeps what was written before{_go_on(case, out, engine)}"
+        complain(f"{sentence_of(problem)}{keeps}", 1)
     for line in lines:
         typer.echo(line)
     if there:
         share = f"{len(there)} of {len(variants)} variants were " if len(variants) > len(there) else ""
         typer.echo(f"{share}complete already")
     typer.echo(f"run: {folder}")
+
+
+def _go_on(case: str, out: Path | None, engine: str) -> str:
+    """How to go on with a run, for the end of a line."""
+    where = f" --out {out}" if out else ""
+    return f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
 
 
 @command(
@@ -315,44 +316,3 @@ def init(
         text = contract(case, Deck(source, text))
     write_new(file, text, force)
     typer.echo(str(file))
-
-
-def _require(engines: list[str]) -> None:
-    """Refuse engines that do not exist or are not on this machine."""
-    from cmpcheck.engines import engine_names, make_engine
-    from reference.toml_source import nearest
-
-    for name in engines:
-        if name not in engine_names():
-            raise BadInput(f"unknown engine {name!r}: {nearest(name, engine_names())}")
-        info = make_engine(name).info()
-        if not info.available:
-            raise BadInput(f"the engine {name} is missing: {info.reason}")
-
-
-def _studies(names: list[str], everything: bool) -> list[str]:
-    """The studies to run; refuses names that there are not."""
-    if not names and not everything:
-        return []
-    from cmpcheck.studies.registry import STUDIES
-    from reference.toml_source import nearest
-
-    for name in names:
-        if name not in STUDIES:
-            raise BadInput(f"unknown study {name!r}: {nearest(name, STUDIES)}")
-    return names or list(STUDIES)
-
-
-def _decks(entries: list[str], cases: Iterable[str]) -> dict[str, Path]:
-    """The decks of `--deck CASE=FILE`, by case."""
-    decks = {}
-    for entry in entries:
-        name, _, file = entry.partition("=")
-        if not file or name not in cases:
-            raise BadInput(
-                f"--deck {entry}: allowed: CASE=FILE with a case that is compared: {', '.join(sorted(cases))}"
-            )
-        if not Path(file).is_file():
-            raise BadInput(f"--deck {entry}: {file}: no such file")
-        decks[name] = Path(file)
-    return decks

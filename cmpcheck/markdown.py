@@ -31,14 +31,14 @@ def render(result: SuiteResult, sensitivity: Section | None = None) -> str:
     ]
     lines += [plain(gap) for gap in verdicts.gaps(result)]
     lines += ["", f"Profile {plain(result.profile)}, {duration(result.seconds)}.", "", "## Engines", ""]
-    lines += _table(
+    lines += pipe_table(
         ["engine", "version"],
         [[e.name, (e.version or "unknown") if e.available else f"absent, not tested: {e.reason}"]
          for e in result.engines],
     )  # fmt: skip
     engines = verdicts.engine_names(result)
     lines += ["", "## Case by engine", "", "Largest error divided by its tolerance; up to 1 agrees.", ""]
-    lines += _table(
+    lines += pipe_table(
         ["case", *engines],
         [
             [case.name, *map(_cell, cells)]
@@ -48,7 +48,7 @@ def render(result: SuiteResult, sensitivity: Section | None = None) -> str:
     closeness = verdicts.closeness(result)
     if closeness:
         lines += ["", "## How closely", "", "Largest error relative to the value compared with.", ""]
-        lines += _table(
+        lines += pipe_table(
             ["quantity", *engines],
             [[words(q), *(percent(row.get(engine)) for engine in engines)] for q, row in closeness.items()],
         )
@@ -91,12 +91,12 @@ def _case(case: CaseResult, part: str) -> list[str]:
     lines += [item for note in case.notes if first for item in ("", plain(note))]
     lines += [line for ensemble in ensembles for line in _ensemble(ensemble)]
     for table in map(printed_table, case.tables if part == "2" else []):
-        lines += ["", f"{plain(table.caption)}.", "", *_table(table.header, table.rows)]
+        lines += ["", f"{plain(table.caption)}.", "", *pipe_table(table.header, table.rows)]
     if rows:
         lines += ["", f"{len(rows)} comparison{'s' * (len(rows) > 1)}: {tally_text(rows)}.", "", *_rows(rows)]
     if convergences:
         lines += ["", "Limits:", ""]
-        lines += _table(
+        lines += pipe_table(
             ["variant", "engine", "quantity", "limit", "uncertainty", "target", "order", "in the"],
             [[c.variant, c.engine, words(c.quantity), quantity_text(c.extrapolated, c.unit),
               quantity_text(c.uncertainty, c.unit, digits=2), quantity_text(c.target, c.unit),
@@ -113,7 +113,7 @@ def _ensemble(ensemble: Ensemble) -> list[str]:
         lines += ["", plain(" ".join(ensemble_text.ledger_sentences(ensemble)))]
         tables.append(ensemble_text.ledger_table(ensemble.ledger, ensemble.engine))
     for table in tables:
-        lines += ["", plain(table.caption), "", *_table(table.header, table.rows)]
+        lines += ["", plain(table.caption), "", *pipe_table(table.header, table.rows)]
     return lines
 
 
@@ -125,7 +125,7 @@ def _rows(rows: Iterable[Comparison]) -> list[str]:
         why = f"{row.kind}: {row.reason}"
         why += f"; known departure: {row.known_departure}" if row.known_departure else ""
         body.append([*row[:11], row.verdict, why])
-    return _table(header, body)
+    return pipe_table(header, body)
 
 
 def _study(study: StudyResult) -> list[str]:
@@ -134,7 +134,7 @@ def _study(study: StudyResult) -> list[str]:
         return [*lines, f"error: {plain(study.error)}"]
     lines += [plain(study.sentence), "", f"{plain(study.varied)} {plain(study.samples)}"]
     for table in printed_tables(study):
-        lines += ["", f"{plain(table.caption)}:", "", *_table(table.header, table.rows)]
+        lines += ["", f"{plain(table.caption)}:", "", *pipe_table(table.header, table.rows)]
     return lines
 
 
@@ -147,7 +147,7 @@ def _cell(cell: verdicts.Cell) -> str:
     return ", ".join([text, *(f"{n} {verdicts.WORDS[status]}" for status, n in cell.others)])
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def pipe_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """A pipe table with its columns aligned for reading as text; an empty column is left out."""
     columns = (
         [k for k in range(len(header)) if k < 1 or any(row[k] for row in rows)]

@@ -19,7 +19,10 @@ from typing import IO
 from reference.checkpoint import INDEX
 
 REPORT_ENTRIES = ("index.html", "report.md", "report.json", "junit.xml", "data")
-STAGING = ".unfinished"
+RERUN_ENTRIES = ("changes.json", "changes.md")  # beside them, of a report that repeats another one
+STAGING, PUBLISHED = ".unfinished", ".published"  # folders in that of a report: being made, done with
+FINISHED = "finished"  # in the former: results that are there
+PUBLISHING = "publishing"  # likewise: the report is whole and about to be moved
 _LOCKS: dict[Path, IO[str]] = {}  # folders that this process is writing to
 
 
@@ -47,23 +50,42 @@ def is_report(folder: Path) -> bool:
     return isinstance(document, dict) and str(document.get("schema", "")).startswith("cmpcheck-report/")
 
 
-def stage_report(folder: Path, force: bool) -> Path:
-    """An empty folder in which a report for `folder` can be made.
+def stage_report(folder: Path, force: bool, resume: bool = False) -> Path:
+    """A folder in which a report for `folder` can be made: empty, or to be resumed, what a killed run left.
 
-    Raises OutputError when `folder` holds anything but an earlier report, unless `force`.
+    Raises OutputError when `folder` holds anything but an earlier report, unless `force`; when an unfinished
+    report is there that has found something, unless `force` or `resume`; and when another process is writing.
     """
+    staging = folder / STAGING
     if folder.is_dir() and not force and not is_report(folder):
-        foreign = sorted(entry.name for entry in folder.iterdir() if entry.name != STAGING)
-        if foreign:
+        foreign = sorted(entry.name for entry in folder.iterdir() if entry.name not in (STAGING, PUBLISHED))
+        if foreign and not (staging / PUBLISHING).exists():
             raise OutputError(
                 f"{folder}: holds {foreign[0]} and no report of ours; choose another folder, or --force to "
                 "put the report beside what is there"
             )
-    staging = writable(folder) / STAGING
+    if resume and is_report(folder) and not staging.is_dir():
+        raise OutputError(
+            f"{folder}: holds a complete report and no comparison to go on with; without --resume it is made "
+            "anew"
+        )
+    writable(folder)
     _lock(folder)
-    shutil.rmtree(staging, ignore_errors=True)
-    staging.mkdir()
+    shutil.rmtree(folder / PUBLISHED, ignore_errors=True)
+    if staging.is_dir() and not force and not resume and count_finished(staging):
+        _unlock(folder)
+        raise OutputError(
+            f"{folder}: holds an unfinished comparison; --resume goes on with it, --force starts again"
+        )
+    if not resume:
+        shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir(exist_ok=True)
     return staging
+
+
+def count_finished(staging: Path) -> int:
+    """How many results an unfinished report holds."""
+    return len(list((staging / FINISHED).glob("*/*.json")))
 
 
 def _lock(folder: Path) -> None:
@@ -88,13 +110,27 @@ def _unlock(folder: Path) -> None:
 
 
 def publish_report(staging: Path, folder: Path) -> None:
-    """Move a finished report into its folder, in place of an earlier one."""
-    for name in REPORT_ENTRIES:
-        _remove(folder / name)
-        if (staging / name).exists():
+    """Move a finished report into its folder, in place of an earlier one; what was interrupted is ended."""
+    if not (staging / PUBLISHING).exists():
+        for name in (*REPORT_ENTRIES, *RERUN_ENTRIES):
+            if not (staging / name).exists():
+                _remove(folder / name)
+        (staging / PUBLISHING).touch()
+    for name in (*REPORT_ENTRIES, *RERUN_ENTRIES):
+        if (staging / name).exists():  # else it has been moved before an interruption
+            _remove(folder / name)
             os.replace(staging / name, folder / name)
-    shutil.rmtree(staging)
+    os.replace(staging, folder / PUBLISHED)
+    shutil.rmtree(folder / PUBLISHED)
     _unlock(folder)
+
+
+def release_report(staging: Path) -> None:
+    """Leave an unfinished report that has found something as it is; remove one that has not."""
+    if count_finished(staging):
+        _unlock(staging.parent)
+    else:
+        discard_report(staging)
 
 
 def discard_report(staging: Path) -> None:
@@ -113,7 +149,9 @@ def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
     """
     held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     ours = any(folder.rglob("provenance.json")) or any(folder.rglob(INDEX))
-    if held and resume and not ours:
+    files = [path.name for path in folder.rglob("*") if path.is_file()]
+    begun = all(name == "case.toml" or name[0] == "." for name in files)  # and stopped before it recorded
+    if held and resume and not ours and not begun:
         raise OutputError(
             f"{folder}: holds {held[0]} and no run to go on with; choose another folder, or --force to write "
             "over it"
@@ -129,6 +167,19 @@ def claim_run_folder(folder: Path, force: bool, resume: bool = False) -> Path:
         for index in folder.rglob(INDEX):
             shutil.rmtree(index.parent)
     return folder
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file so that it is there as a whole or not at all, even after a loss of power.
+
+    Raises OSError.
+    """
+    part = path.with_name(path.name + ".part")
+    with part.open("w", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
 
 
 def write_new(path: Path, text: str, force: bool) -> None:

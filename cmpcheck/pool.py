@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -21,7 +23,7 @@ def run_tasks(
     """
     context = multiprocessing.get_context("spawn")  # MPI and compiled code do not survive a fork
     left = dict(enumerate(tasks))
-    with ProcessPoolExecutor(jobs, context) as pool:
+    with ProcessPoolExecutor(jobs, context, initializer=follow_parent) as pool:
         futures = {pool.submit(work, task): k for k, task in left.items()}
         pending = set(futures)
         while pending:
@@ -30,7 +32,7 @@ def run_tasks(
                 if not isinstance(future.exception(), BrokenProcessPool):
                     yield left.pop(futures[future]), future
     for task in left.values():  # the pool broke: each task that it had not finished gets a process of its own
-        with ProcessPoolExecutor(1, context) as single:
+        with ProcessPoolExecutor(1, context, initializer=follow_parent) as single:
             future = single.submit(work, task)
             future.exception()
             yield task, future
@@ -44,3 +46,15 @@ def problem_of(future: Future) -> str:
     if isinstance(problem, BrokenProcessPool):
         return "the process that ran it died"
     return " ".join(f"{type(problem).__name__}: {problem}".split())
+
+
+def follow_parent() -> None:
+    """In a worker: end when the parent is gone, even if it was killed; it would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()

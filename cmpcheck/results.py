@@ -176,6 +176,19 @@ class Ensemble:
     remarks: tuple[str, ...] = ()
 
 
+@dataclass
+class Outcome:
+    """What one task of the suite found: one variant of a case in every engine."""
+
+    comparisons: list[Comparison] = field(default_factory=list)
+    convergences: list[Convergence] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
+    ensembles: list[Ensemble] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    lost: bool = False  # the process that ran it died
+
+
 @dataclass(frozen=True)
 class Illustration:
     """A picture for the page that is no plot of a comparison: one of the paper's figures, redrawn."""

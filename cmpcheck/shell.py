@@ -52,11 +52,22 @@ def command(**settings: Any) -> Callable[[Callable[..., None]], Callable[..., No
                 code = _exit_code_of(problem)
                 if code is None:
                     raise
-                complain(str(problem), code)
+                complain(sentence_of(problem), code)
 
         return app.command(**settings)(guarded)
 
     return register
+
+
+def sentence_of(problem: Exception) -> str:
+    """What went wrong; of a file or folder, its name first."""
+    if not isinstance(problem, OSError) or not problem.strerror:
+        return str(problem)
+    if problem.filename is not None:
+        return f"{problem.filename}: {problem.strerror}"
+    import numba
+
+    return f"{problem.strerror}: in the output folder, or in that of compiled code, {numba.config.CACHE_DIR}"
 
 
 def _exit_code_of(problem: Exception) -> int | None:
@@ -80,7 +91,9 @@ def progress_bars() -> Iterator[Progress]:
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bars:
+    bars = Progress(console=console, disable=not console.is_terminal)
+    # one that was started ends with an empty line, up to rich 14.2 also where it is disabled
+    with bars if console.is_terminal else contextlib.nullcontext():
         try:
             yield bars
         except BaseException:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,10 +20,11 @@ from cmpcheck.components import CASE as COMPONENTS
 from cmpcheck.components import component_result
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
+from cmpcheck.engines.child import Child, ChildError, ChildLost
 from cmpcheck.engines.lammps_contract import check_deck
-from cmpcheck.engines.protocol import Engine, NotSupported, Resolution
+from cmpcheck.engines.protocol import Engine, NotSupported, Resolution, timeout_of
 from cmpcheck.ensembles import check_settings, compare_ensembles
-from cmpcheck.figures.report import report_illustrations
+from cmpcheck.finished import Finished
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
 from cmpcheck.judges.protocol import observes_contacts
@@ -31,20 +32,16 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published import benchmark_names, load_benchmark
-from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
+from cmpcheck.published.run import RUNNERS, BenchmarkTask
+from cmpcheck.records import settled
 from cmpcheck.results import (
     CaseResult,
     Comparison,
-    Convergence,
     EngineInfo,
-    Ensemble,
-    StudyResult,
+    Outcome,
     SuiteResult,
-    Trace,
 )
 from cmpcheck.soft_study import compare_soft
-from cmpcheck.studies.registry import run_studies
-from cmpcheck.studies.tables import write_csv
 from cmpcheck.study import (
     Study,
     align_outputs,
@@ -55,12 +52,12 @@ from cmpcheck.study import (
     reference_study,
     unobserved,
 )
+from cmpcheck.suite_parts import Progress, deck_digests, find_benchmarks, find_illustrations, find_studies
 from cmpcheck.trajectories import ENGINE as TRAJECTORY
 from cmpcheck.trajectories import Trajectories, compare_file
 from reference.case import Case, CaseError, available_cases, load_case
 from reference.process import build_setup
 
-Progress = Callable[[str, int, int], None]  # case or study, tasks done, tasks in all
 REFERENCE_TRACES = ("exact", "reference")
 ENSEMBLE_FORMS = ("impulse", "soft")  # of the contacts with surface and pad
 NO_TABLE = "the case has no [engine.{0}] with contact_duration and steps_per_contact"
@@ -81,6 +78,11 @@ class Task:
     asked: bool = False  # the engines were asked for by name
 
     @property
+    def label(self) -> str:
+        """Case, variant and form: what tells it from other tasks."""
+        return "/".join((self.case.name, self.case.variants()[self.variant].variant, self.form))
+
+    @property
     def cost(self) -> float:
         """Rough measure of the work, to begin with the longest."""
         variant = self.case.variants()[self.variant]
@@ -89,18 +91,6 @@ class Task:
         count = variant.particles.count if variant.particles else len(variant.particle)
         step = variant.numerics.time_step or variant.case.duration
         return count * variant.case.duration / step
-
-
-@dataclass
-class Outcome:
-    """What a task found."""
-
-    comparisons: list[Comparison] = field(default_factory=list)
-    convergences: list[Convergence] = field(default_factory=list)
-    traces: list[Trace] = field(default_factory=list)
-    ensembles: list[Ensemble] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    seconds: float = 0.0
 
 
 def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
@@ -153,13 +143,15 @@ def run_suite(
     runs: Path = Path("runs"),
     trajectories: Trajectories | None = None,
     components: bool = False,
+    finished: Finished | None = None,
 ) -> SuiteResult:
     """Run every variant of the cases in every engine and compare; then the studies.
 
     Parameters: names or files of cases; names of engines, or None for all that are there; profile
     quick | full; the folder that gets data/; number of processes; LAMMPS decks by case; a callback for
     progress; names of studies, and the folder for runs of theirs that outlive the report; trajectories of
-    other codes; whether to check the components too, as a last case.
+    other codes; whether to check the components too, as a last case; where results are kept as they come,
+    and those that are there already are taken from.
     Raises CaseError for a case that cannot be set up or compared, before anything is run.
     """
     begin = time.perf_counter()
@@ -194,29 +186,37 @@ def run_suite(
             for name in others:
                 if has_settings(variant, name):
                     (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
+                    timeout_of(variant, name)
             tasks += [
                 Task(case, k, others, profile, folder / "data", decks or {}, form, files, engines is not None)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
     _check_decks(loaded, decks or {}, others)
+    kept = finished or Finished()
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
     totals = Counter(name for name, _, _ in keys)
     outcomes: dict[tuple[str, int, str], Outcome] = {}
-    for task, outcome in _in_processes(tasks, jobs):
+    for task, outcome in _outcomes(tasks, jobs, kept):
         outcomes[task.case.name, task.variant, task.form] = outcome
         if progress is not None:
             done = sum(name == task.case.name for name, _, _ in outcomes)
             progress(task.case.name, done, totals[task.case.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
-    results += run_benchmarks(
+    results += find_benchmarks(
         [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
         jobs,
+        kept,
         None if progress is None else lambda name: progress(name, 1, 1),
     )
     if components:
-        results.append(component_result())
+        found = kept.get(COMPONENTS, COMPONENTS)
+        if found is None:
+            found = component_result()
+            kept.put(COMPONENTS, COMPONENTS, found)
+        results.append(found)
         if progress is not None:
             progress(COMPONENTS, 1, 1)
+    results = [settled(found) for found in results]
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
         names = ", ".join(path.name for path in files.files.values())
@@ -224,23 +224,32 @@ def run_suite(
     for found in results:
         found.comparisons = apply_departures(found.comparisons, versions)
         found.tables += contact_places(found.comparisons) if found.name not in published else []
-    origin = provenance.collect(loaded)
+    origin = provenance.collect(loaded) | {"decks": deck_digests(loaded, published, others, decks or {})}
     if published:
         origin["benchmarks"] = {name: {"digest": load_benchmark(name).digest} for name in published}
     result = SuiteResult(profile, infos, results, origin)
     try:
-        result.illustrations = report_illustrations(loaded, profile, folder / "data", jobs)
+        result.illustrations = find_illustrations(loaded, profile, folder / "data", jobs, kept)
     except Exception as problem:  # pictures must not cost the comparisons
         results[0].notes.append(f"The paper's figures could not be drawn: {problem}")
-
-    def keep(study: StudyResult) -> None:
-        write_csv([study], folder / "data" / "studies")
-        if progress is not None:
-            progress(study.name, 1, 1)
-
-    result.studies = run_studies(studies, profile, runs, jobs, keep)
+    result.studies = find_studies(studies, profile, folder, runs, jobs, kept, progress)
     result.seconds = time.perf_counter() - begin
     return result
+
+
+def _outcomes(tasks: list[Task], jobs: int, kept: Finished) -> Iterator[tuple[Task, Outcome]]:
+    """The outcomes that are kept, then the others as they come."""
+    left = []
+    for task in tasks:
+        outcome = kept.get("tasks", task.label)
+        if outcome is None:
+            left.append(task)
+        else:
+            yield task, outcome
+    for task, outcome in _in_processes(left, jobs):
+        if not outcome.lost:
+            kept.put("tasks", task.label, outcome)
+        yield task, outcome
 
 
 def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
@@ -249,12 +258,20 @@ def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, 
     Raises CaseError naming all of it.
     """
     tasks = [(case, decks[case.name]) for case in cases if case.name in decks and "lammps" in engines]
-    for (_, path), future in run_tasks(_check_deck, tasks, 1) if tasks else ():
-        problem = future.exception()
-        if isinstance(problem, CaseError):
-            raise problem
-        if problem is not None:
-            raise CaseError(f"{path}: cannot be checked: {problem_of(future)}")
+    if not tasks:
+        return
+    child = Child()
+    try:
+        for case, path in tasks:
+            limit = timeout_of(case.variants()[0], "lammps")
+            try:
+                child.call(_check_deck, (case, path), timeout=limit)
+            except ChildLost as problem:
+                raise CaseError(f"{path}: cannot be checked: {problem}") from None
+            except ChildError as problem:
+                raise CaseError(str(problem)) from None
+    finally:
+        child.stop()
 
 
 def _check_deck(task: tuple[Case, Path]) -> None:
@@ -297,7 +314,7 @@ def _outcome(task: Task, future: Future) -> Outcome:
     reason = problem_of(future)
     if not reason:
         return future.result()
-    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)])
+    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)], lost=True)
 
 
 def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:

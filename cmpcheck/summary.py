@@ -18,15 +18,21 @@ def summary(run: Run) -> list[str]:
         lines[0] += f" in {duration(timing['wall_time'])}{sessions}"
         lines[0] += f", {speed}" if timing["wall_time"] >= 1.0 else ""
     if run.case.removal is not None:
-        count = (run.contacts["removed_volume"] > 0).sum()
-        lines.append(f"removals  {count:,}, {history['removed_volume'].iloc[-1]:.3g} m3")
+        lines.append(f"removals  {_removals(run):,}, {history['removed_volume'].iloc[-1]:.3g} m3")
     flatness = history["flatness"].to_numpy()
     if run.case.surface.kind == "asperities" and np.isfinite(flatness[0]):
         middle = np.interp(0.5 * run.times[-1], run.times, flatness)
         lines.append(
             f"flatness  {flatness[0]:.3g} at the start, {middle:.3g} half-way, {flatness[-1]:.3g} at the end"
         )
-    return lines + [f"note      {note}" for note in provenance["notes"]]
+    return lines + [f"note      {note}" for note in provenance.get("notes", [])]
+
+
+def _removals(run: Run) -> int:
+    """How many impacts removed material: the reference counts them, so that its ledger need not be read."""
+    if "removals" in run.history:
+        return int(run.history["removals"].iloc[-1])
+    return int((run.contacts["removed_volume"] > 0).sum())
 
 
 def duration(seconds: float) -> str:

@@ -155,7 +155,21 @@ def _remarks(run: Run) -> list[str]:
             f"deposit node_depth lowers the surface by {lowered_over_removed(run):.3g} times the volume of "
             "the removed caps; the mass picked up is that of the caps"
         )
-    return remarks
+    return [*remarks, *_worn_through(run)]
+
+
+def _worn_through(run: Run) -> list[str]:
+    """A surface has no lowest height, as a wafer is thick; but flatness counts a pit as an asperity."""
+    if run.surface is None or run.surface_initial is None:
+        return []
+    first, lowest = run.surface_initial.z, float(run.surface.z.min())
+    asperities, base = float(np.ptp(first)), float(first.min())
+    if not 0.0 < asperities < base - lowest:
+        return []
+    return [
+        f"the surface is worn {base - lowest:.3g} m below its base plane, deeper than its asperities of "
+        f"{asperities:.3g} m were high: flatness (Eq 44) counts such pits as it counts asperities"
+    ]
 
 
 def _energy(run: Run, first: pd.Series, last: pd.Series) -> Balance:

@@ -107,6 +107,8 @@ def _check_flow(case: Case) -> None:
     if fluid is None:
         return
     shear = ("wall_speed", "gap")
+    if fluid.gap is not None:
+        _check_asperities(case, fluid.gap, "fluid.gap")
     if fluid.flow == "uniform":
         _require(fluid, "fluid", ("velocity",), "with flow = 'uniform'")
         _exclude(fluid, "fluid", shear, "with flow = 'uniform'")
@@ -123,9 +125,17 @@ def _check_pad(case: Case) -> None:
         return
     if case.surface.kind == "none":
         raise Refusal(("pad",), MISSING, "needs a surface; allowed: surface.kind flat or asperities")
+    _check_asperities(case, case.pad.initial_height, "pad.initial_height")
     lowest, highest = case.pad.minimum_height, case.pad.initial_height
     if lowest is not None and lowest > highest:
         raise Refusal(("pad", "minimum_height"), lowest, f"allowed: <= initial_height, {highest:g} m")
+
+
+def _check_asperities(case: Case, gap: float, what: str) -> None:
+    """Asperities end below what bounds the fluid above."""
+    height = case.surface.asperity_height
+    if height is not None and height >= gap:
+        raise Refusal(("surface", "asperity_height"), height, f"allowed: below {what}, {gap:g} m")
 
 
 def _check_numerics(case: Case) -> None:

@@ -60,14 +60,16 @@ class Header(Section):
     description: str  # one sentence of physics, with equation numbers
     seed: Annotated[StrictInt, Field(ge=0)] = 0
     duration: Time
-    outputs: Annotated[StrictInt, Field(ge=2)] = 50  # equally spaced times, with 0 and the duration
-    variant: str = ""  # the variant that this case is; written by `Case.save`
+    outputs: Annotated[StrictInt, Field(ge=2, le=1_000_000)] = (
+        50  # equally spaced times, with 0 and the duration
+    )
+    variant: Name | Literal[""] = ""  # the variant that this case is; written by `Case.save`
 
 
 class Particles(Section):
     """[particles]: particles placed at random. Paper: Section 4."""
 
-    count: Annotated[StrictInt, Field(ge=1)]
+    count: Annotated[StrictInt, Field(ge=1, le=10_000_000)]  # 2 GB
     mean_diameter: Length
     diameter_spread: Annotated[float, Quantity(ge=0, lt=1)] = 0.0  # delta_d
     material: str
@@ -113,7 +115,7 @@ class Surface(Section):
     kind: Literal["none", "flat", "asperities"]
     size: Length  # D, the period along x and y
     height: Length | None = None  # kind none: the period along z too
-    nodes: Annotated[StrictInt, Field(ge=2)] | None = None  # n, along x and along y
+    nodes: Annotated[StrictInt, Field(ge=2, le=10_000)] | None = None  # n, along x and along y
     asperity_height: Length | None = None
     asperity_density: Annotated[float, Quantity(gt=0, le=1)] | None = None  # random raised squares
     raised: tuple[NodeIndices, ...] | None = None  # or these: [i, j] of the lower left node of each

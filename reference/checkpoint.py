@@ -1,9 +1,10 @@
 """Checkpoints: what a run in progress needs to go on after it was killed.
 
 Each checkpoint adds one numbered part and never rewrites an earlier one: the rows recorded since, and the
-state at its end.  `checkpoint.json`, replaced last and at once, lists with their digests the parts that
-belong together, and whose they are; nothing else in the folder is read.  What the rows and the state
-consist of is `simulation.py`'s business.
+state at its end.  Where there are many rows, parts of rows alone are written before it.  `checkpoint.json`,
+replaced last and at once, lists with their digests the parts that belong together, and whose they are;
+nothing else in the folder is read.  Which rows are on the disk already is `spool.py`'s business, what the
+state consists of `simulation.py`'s.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,17 +22,20 @@ import h5py
 import numpy as np
 
 from reference.case import Case, CaseError
-from reference.recording import Run, version_of_code
+from reference.recording import HDF5_HEADERS, Run, version_of_code, write_durably
 from reference.state import Setup
+from reference.toml_source import one_line
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
+PART = re.compile(r"part-\d{5,}\.h5")
+DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, MemoryError)
 Arrays = dict[str, np.ndarray]
 
 
 class Saved(NamedTuple):
     """What a checkpoint holds."""
 
-    rows: Arrays  # recorded since the start, along the first axis
+    parts: tuple[Path, ...]  # files of the rows recorded since the start, in order; see `read_rows`
     state: Arrays  # at the end
 
 
@@ -52,17 +57,30 @@ class Checkpoint:
 
     def add(self, rows: Arrays, state: Arrays) -> None:
         """Make a checkpoint: the rows since the last one, and the present state.  Raises OSError."""
+        self._write_part({"rows": rows, "state": state})
+        self._write_index()
+
+    def spill(self, rows: Arrays) -> None:
+        """Write rows that belong to the next checkpoint; without one they are not read.  Raises OSError."""
+        self._write_part({"rows": rows})
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The parts that were written, in order."""
+        return tuple(self.folder / name for name in self.parts)
+
+    def _write_part(self, groups: dict[str, Arrays]) -> None:
         name = f"part-{len(self.parts):05}.h5"
 
         def write(path: Path) -> None:
             with h5py.File(path, "w") as file:
-                for group, arrays in (("rows", rows), ("state", state)):
+                for group, arrays in groups.items():
                     for key, value in arrays.items():
                         file.create_dataset(f"{group}/{key}", data=value, track_times=False)
 
-        _write_durably(self.folder / name, write)
+        size = sum(np.asarray(value).nbytes for arrays in groups.values() for value in arrays.values())
+        write_durably(self.folder / name, write, size + HDF5_HEADERS)
         self.parts[name] = _digest_of_file(self.folder / name)
-        self._write_index()
 
     def load(self) -> Saved | None:
         """What was saved, or None where nothing was.
@@ -74,21 +92,26 @@ class Checkpoint:
         try:
             index = json.loads((self.folder / INDEX).read_text("utf-8"))
             self._require_same_owner(index["owner"])
-            for name, digest in index["parts"].items():
+            parts = dict(index["parts"])
+            for name, digest in parts.items():
+                if not PART.fullmatch(name):
+                    raise ValueError(f"{name[:60]!r} is no part of a checkpoint")
                 if _digest_of_file(self.folder / name) != digest:
                     raise ValueError(f"{name} is not as it was written")
-            pieces = [_read_part(self.folder / name) for name in index["parts"]]
+            state = _read(self.folder / list(parts)[-1], "state") if parts else {}
         except CaseError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
-            raise CaseError(
-                f"{self.folder}: the checkpoint is damaged ({problem}); allowed: to start again with --force"
-            ) from None
-        self.parts = dict(index["parts"])
-        if not pieces:
-            return None
-        rows = {key: np.concatenate([piece.rows[key] for piece in pieces]) for key in pieces[0].rows}
-        return Saved(rows, pieces[-1].state)
+        except DAMAGE as problem:
+            raise self.damaged(problem) from None
+        self.parts = parts
+        return Saved(self.files, state) if parts else None
+
+    def damaged(self, problem: Exception) -> CaseError:
+        """The error to raise for what cannot be restored, also found by those who know what it means."""
+        said = one_line(problem)
+        return CaseError(
+            f"{self.folder}: the checkpoint is damaged ({said}); allowed: to start again with --force"
+        )
 
     def remove(self) -> None:
         """Remove it, when the run is complete or begins anew."""
@@ -99,7 +122,7 @@ class Checkpoint:
 
     def _write_index(self) -> None:
         text = json.dumps({"owner": self.owner, "parts": self.parts}, indent=2) + "\n"
-        _write_durably(self.folder / INDEX, lambda path: path.write_text(text, "utf-8"))
+        write_durably(self.folder / INDEX, lambda path: path.write_text(text, "utf-8"))
 
     def _require_same_owner(self, owner: dict[str, str]) -> None:
         again = "allowed: to go on with what began it, or to start again with --force"
@@ -117,7 +140,7 @@ def is_complete(folder: Path) -> bool:
     """Whether a folder says that it holds a complete run."""
     try:
         provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(provenance, dict) and provenance.get("complete") is True
 
@@ -125,39 +148,35 @@ def is_complete(folder: Path) -> bool:
 def finished_run(folder: Path, case: Case) -> Run | None:
     """The complete run in a folder, or None where there is none.
 
-    Raises CaseError for a run of another case or engine.
+    Raises CaseError for a run of another case or engine, and for one that another version of the code has
+    made: like a checkpoint of another version, it is not this one's result, whether it differs or not.
     """
     if not is_complete(folder):
         return None
-    run = Run.load(folder)
-    if run.case != case or run.provenance["engine"] != "reference":
+    run = Run.open(folder)
+    if run.case != case or run.provenance.get("engine") != "reference":
         raise CaseError(
             f"{folder}: holds a complete run of another case or engine; allowed: another folder, or --force"
+        )
+    if run.provenance.get("code") != version_of_code():
+        raise CaseError(
+            f"{folder}: holds a complete run by another version of the code, NumPy or Numba, which stays "
+            "readable; allowed: another folder, or --force to make it anew"
         )
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of a session killed when it had just ended
     return run
 
 
-def _read_part(path: Path) -> Saved:
+def read_rows(parts: Iterable[Path], keys: Iterable[str]) -> Iterator[Arrays]:
+    """The rows of each part, one part at a time."""
+    for path in parts:
+        yield _read(path, "rows", keys)
+
+
+def _read(path: Path, group: str, keys: Iterable[str] = ()) -> Arrays:
+    """The arrays of a group of a part, all of them or those of some keys."""
     with h5py.File(path) as file:
-        return Saved(*({key: value[()] for key, value in file[group].items()} for group in ("rows", "state")))
-
-
-def _write_durably(path: Path, writer: Callable[[Path], object]) -> None:
-    """Write to a temporary name, bring it to the disk, and rename."""
-    partial = path.with_name(f".{path.name}.partial")
-    writer(partial)
-    _bring_to_disk(partial)
-    os.replace(partial, path)
-    _bring_to_disk(path.parent)
-
-
-def _bring_to_disk(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        return {key: file[group][key][()] for key in keys or file[group]}
 
 
 def _digest_of_file(path: Path) -> str:

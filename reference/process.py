@@ -29,11 +29,12 @@ from reference.state import (
     Setup,
     State,
 )
-from reference.toml_source import MISSING
+from reference.toml_source import MISSING, CaseError
 
 STREAMS = ("surface", "diameters", "positions", "velocities", "jitter")
 BOLTZMANN = 1.380649e-23  # J/K
 TEMPERATURE = 293.0  # K
+MOST_WORK = 1e13  # steps times particles
 PAD_DESCENT = 0.7  # part of the duration in which the pad reaches its lowest height
 
 
@@ -46,8 +47,19 @@ def random_streams(seed: int) -> dict[str, np.random.Generator]:
 def build_setup(case: Case) -> Setup:
     """Everything that is needed to run a case (one of its `variants()`).
 
-    Raises CaseError when the particles cannot be placed, or lie in the surface or in each other.
+    Raises CaseError when the particles cannot be placed, or lie in the surface or in each other, when what
+    follows from the case is no number that can be computed with, and when it would take years.
     """
+    try:
+        with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
+            setup = _setup(case)
+    except (OverflowError, ZeroDivisionError) as problem:
+        raise _beyond_numbers(case, str(problem)) from None
+    _check_numbers(setup)
+    return setup
+
+
+def _setup(case: Case) -> Setup:
     streams = random_streams(case.case.seed)
     surface = build_surface(case, streams["surface"])
     diameter, density, modulus = _particle_materials(case, streams["diameters"])
@@ -75,6 +87,40 @@ def build_setup(case: Case) -> Setup:
     )
     setup.notes.extend(_warnings(setup))
     return setup
+
+
+def _beyond_numbers(case: Case, what: str) -> CaseError:
+    return CaseError(
+        f"{case.path or case.name}: the values of this case are too large or too small to compute with "
+        f"({what}); allowed: values of which masses, moduli and steps are finite and not zero"
+    )
+
+
+def _check_numbers(setup: Setup) -> None:
+    """Refuse what overflows or vanishes in floating point, and what no machine would finish."""
+    case, state = setup.case, setup.state
+    arrays = {"mass": state.mass, "modulus": state.modulus, "diameter^3": state.diameter**3}
+    for name, values in arrays.items():
+        if not (np.isfinite(values) & (values > 0.0)).all():
+            raise _beyond_numbers(case, f"the {name} of a particle is {values.min():g} to {values.max():g}")
+    constants = {name: value for name, value in setup.model._asdict().items() if isinstance(value, float)}
+    for name, value in constants.items():
+        if not math.isfinite(value):
+            raise _beyond_numbers(case, f"{name} is {value:g}")
+    if setup.model.has_surface and not 0.0 < setup.model.spacing**3 < math.inf:
+        raise _beyond_numbers(case, f"the spacing of the nodes is {setup.model.spacing:g} m")
+    if not 0.0 < setup.time_step < math.inf:
+        raise _beyond_numbers(case, f"the time step is {setup.time_step:g} s")
+    if not (np.diff(setup.output_times) > 0.0).all():
+        raise _beyond_numbers(case, "output times do not rise")
+    work = len(state.mass) * (setup.end_time / setup.time_step)
+    if not work <= MOST_WORK:
+        raise case.error(
+            "case.duration",
+            case.case.duration,
+            f"{work:.1e} steps times particles, with steps of {setup.time_step:g} s; allowed: up to "
+            f"{MOST_WORK:.0e}, weeks of computing",
+        )
 
 
 def build_surface(case: Case, rng: np.random.Generator) -> Heightfield | None:

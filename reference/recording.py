@@ -1,30 +1,39 @@
 """The run folder: trajectory, contact ledger, history and surfaces, in memory and on disk.
 
 Every engine fills the same `Run`.  A folder is complete only when its `provenance.json`, which is written
-last, says so.  Nothing is computed here that is not recorded.
+last, says so.  Nothing is computed here that is not recorded.  Trajectory and ledger are written piece by
+piece, so that a long run need not be in memory; where the pieces are until then is `spool.py`.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from reference.case import Case, CaseError, load_case
 from reference.case_sections import Cost
 from reference.heightfield import Heightfield, flatness
+from reference.ledger import empty_ledger, ledger_frame
+from reference.origin import commit, digest, machine
 from reference.state import State
+from reference.toml_source import one_line
 
 HISTORY = (
     "time", "flatness", "pad_height", "removed_volume", "removed_mass", "kinetic_energy",
@@ -48,6 +57,10 @@ SUMS = (
     "energy_rounding",
     "momentum_rounding",
 )  # of the reference
+TRAJECTORY = ("positions", "velocities", "masses")
+HDF5_HEADERS = 16_384  # bytes, of a file with a few arrays
+LATER = (*TRAJECTORY, "contacts")  # what `Run.open` reads when it is asked for
+ROW_GROUP = 32_768  # rows of the ledger that are in memory at once when it is written, 6 MB
 
 
 @dataclass
@@ -73,60 +86,216 @@ class Run:
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write the run folder; each file appears whole or not at all.  Raises OSError."""
+        trajectory = {name: getattr(self, name) for name in TRAJECTORY}
+        return self.save_pieces(folder, [trajectory], [self.contacts])
+
+    def save_pieces(
+        self,
+        folder: str | os.PathLike[str],
+        trajectory: Iterable[Mapping[str, np.ndarray]],
+        ledger: Iterable[pd.DataFrame],
+    ) -> Path:
+        """As `save`, with the arrays of `TRAJECTORY` and the ledger in pieces along time.
+
+        The files do not depend on where they are cut.
+        """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "provenance.json").unlink(missing_ok=True)
-        self.case.save(folder / "case.toml")
-        _write(folder / "trajectory.h5", self._write_arrays)
-        _write(folder / "contacts.parquet", lambda path: self.contacts.to_parquet(path, index=False))
-        _write(folder / "history.parquet", lambda path: self.history.to_parquet(path, index=False))
+        write_durably(folder / "case.toml", self.case.save)
+        size = self._size_of_arrays()
+        write_durably(folder / "trajectory.h5", lambda path: self._write_arrays(path, trajectory), size)
+        write_durably(folder / "contacts.parquet", lambda path: _write_ledger(path, ledger))
+        write_durably(folder / "history.parquet", lambda path: self.history.to_parquet(path, index=False))
         text = json.dumps(self.provenance, indent=2, sort_keys=True) + "\n"
-        _write(folder / "provenance.json", lambda path: path.write_text(text, "utf-8"))
+        write_durably(folder / "provenance.json", lambda path: path.write_text(text, "utf-8"))
         return folder
 
-    def _write_arrays(self, path: Path) -> None:
+    def _size_of_arrays(self) -> int:
+        numbers = len(self.times) * (1 + 7 * len(self.diameters)) + len(self.diameters)
+        surfaces = sum(s.z.size for s in (self.surface_initial, self.surface) if s is not None)
+        return 8 * (numbers + surfaces) + HDF5_HEADERS
+
+    def _write_arrays(self, path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
+        times, particles = len(self.times), len(self.diameters)
+        shapes = {"positions": (times, particles, 3), "velocities": (times, particles, 3)}
         with h5py.File(path, "w") as file:
-            for name in ("times", "positions", "velocities", "masses", "diameters"):
-                file.create_dataset(name, data=getattr(self, name), track_times=False)
+            file.create_dataset("times", data=self.times, track_times=False)
+            for name in TRAJECTORY:
+                file.create_dataset(name, shapes.get(name, (times, particles)), float, track_times=False)
+            file.create_dataset("diameters", data=self.diameters, track_times=False)
             for name in ("surface_initial", "surface"):
                 surface = getattr(self, name)
                 if surface is not None:
                     file.create_dataset(name, data=surface.z, track_times=False).attrs["spacing"] = (
                         surface.spacing
                     )
+            first = 0
+            for piece in pieces:
+                end = first + len(piece[TRAJECTORY[0]])
+                for name in TRAJECTORY:
+                    file[name][first:end] = piece[name]
+                first = end
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Run:
         """Read a run folder.  Raises CaseError, in one line, for a folder that holds no run."""
-        folder = Path(folder)
-        try:
-            with h5py.File(folder / "trajectory.h5") as file:
-                arrays = {
-                    name: file[name][()]
-                    for name in ("times", "positions", "velocities", "masses", "diameters")
-                }
-                surfaces: dict[str, Any] = {
-                    name: Heightfield(file[name][()], file[name].attrs["spacing"])
-                    for name in ("surface_initial", "surface")
-                    if name in file
-                }
-            return cls(
-                case=load_case(folder / "case.toml"),
-                contacts=pd.read_parquet(folder / "contacts.parquet"),
-                history=pd.read_parquet(folder / "history.parquet"),
-                provenance=json.loads((folder / "provenance.json").read_text("utf-8")),
-                **arrays,
-                **surfaces,
+        run = cls.open(folder)
+        for name in LATER:
+            getattr(run, name)
+        return run
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str], **known: Any) -> Run:
+        """A run in a folder whose trajectory and ledger are read when they are first asked for.
+
+        Parameters: known, fields that need not be read: all but those of `LATER`, before the folder is
+        written; by default none.
+        Raises CaseError, in one line, for a folder that holds no run, also later.
+        """
+        run = object.__new__(cls)
+        run.__dict__["_folder"] = Path(folder)
+        run.__dict__.update(known or _read_small(Path(folder)))
+        return run
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """One of `LATER`, of a run that was opened."""
+            if name not in LATER or "_folder" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.__dict__[name] = _read_large(self._folder, name)
+            return self.__dict__[name]
+
+
+def _read_small(folder: Path) -> dict[str, Any]:
+    """What `Run.open` reads at once; of the rest it looks whether it is there."""
+    with _reading(folder), h5py.File(folder / "trajectory.h5") as file:
+        shape = (len(file["times"]), len(file["diameters"]))
+        for name in TRAJECTORY:
+            if file[name].shape[:2] != shape:
+                raise ValueError(f"{name} of {file[name].shape[:2]} times and particles, not of {shape}")
+        surfaces = {
+            name: Heightfield(file[name][()], file[name].attrs["spacing"]) if name in file else None
+            for name in ("surface_initial", "surface")
+        }
+        pq.read_schema(folder / "contacts.parquet")
+        provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
+        _check_provenance(provenance)
+        history = pd.read_parquet(folder / "history.parquet")
+        missing = [name for name in HISTORY if name not in history or history[name].dtype.kind != "f"]
+        if missing or len(history) != shape[0] or not shape[0]:
+            raise ValueError(
+                f"the history has {len(history)} of {shape[0]} rows, and no {', '.join(missing)}"
             )
-        except (OSError, KeyError, ValueError) as problem:
-            raise CaseError(f"{folder}: not a run folder: {problem}") from None
+        return {
+            "times": file["times"][()],
+            "diameters": file["diameters"][()],
+            "case": load_case(folder / "case.toml"),
+            "history": history,
+            "provenance": provenance,
+            **surfaces,
+        }
 
 
-def _write(path: Path, writer: Callable[[Path], Any]) -> None:
-    """Write to a temporary name beside `path` and rename."""
+def _check_provenance(found: Any) -> None:
+    """What others rely on must be there; raises ValueError."""
+    if not isinstance(found, dict):
+        raise ValueError("provenance.json holds no table")
+    number = (int, float)
+    _require(found, {"engine": str, "complete": bool, "steps": number})
+    if "notes" in found:
+        _require(found, {"notes": list})
+    if "timing" in found:
+        _require(found, {"timing": dict})
+        _require(
+            found["timing"], dict.fromkeys(("wall_time", "sessions", "particle_steps_per_second"), number)
+        )
+
+
+def _require(found: dict[str, Any], kinds: Mapping[str, Any]) -> None:
+    for key, kind in kinds.items():
+        if not isinstance(found.get(key), kind):
+            raise ValueError(f"provenance.json does not say {key}, or not as it should")
+
+
+def _read_large(folder: Path, name: str) -> np.ndarray | pd.DataFrame:
+    """The ledger, or an array of the trajectory."""
+    with _reading(folder):
+        if name == "contacts":
+            return pd.read_parquet(folder / "contacts.parquet")
+        with h5py.File(folder / "trajectory.h5") as file:
+            array: np.ndarray = file[name][()]
+            return array
+
+
+@contextlib.contextmanager
+def _reading(folder: Path) -> Iterator[None]:
+    """What libraries say of a file that is missing or damaged becomes a CaseError."""
+    try:
+        yield
+    except CaseError:
+        raise
+    except (
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RuntimeError,
+        pa.ArrowException,
+    ) as problem:
+        raise CaseError(f"{folder}: not a run folder: {one_line(problem)}") from None
+
+
+def _write_ledger(path: Path, pieces: Iterable[pd.DataFrame]) -> None:
+    """A ledger in row groups of a fixed length, so that bytes do not depend on how the pieces were cut."""
+    schema = pa.Schema.from_pandas(ledger_frame(empty_ledger(1)), preserve_index=False)
+    with pq.ParquetWriter(path, schema) as writer:
+        held = schema.empty_table()
+        for piece in pieces:
+            held = pa.concat_tables([held, pa.Table.from_pandas(piece, schema, preserve_index=False)])
+            while len(held) >= ROW_GROUP:
+                writer.write_table(held.slice(0, ROW_GROUP).combine_chunks(), ROW_GROUP)
+                held = held.slice(ROW_GROUP)
+        if len(held):
+            writer.write_table(held.combine_chunks(), ROW_GROUP)
+
+
+def write_durably(path: Path, writer: Callable[[Path], Any], size: int = 0) -> None:
+    """Write to a temporary name beside `path`, bring it to the disk, and rename.
+
+    Parameters: size, of a file that HDF5 will write, at least, bytes: that there is so much room is tried
+    first, because HDF5 itself may crash the process later when it has met a full disk.
+    Raises OSError that names `path`, whatever the library that writes raises.
+    """
     partial = path.with_name(f".{path.name}.partial")
-    writer(partial)
-    os.replace(partial, path)
+    try:
+        if size:
+            _require_room(partial, size)
+        writer(partial)
+        _bring_to_disk(partial)
+        os.replace(partial, path)
+        _bring_to_disk(path.parent)
+    except (OSError, RuntimeError) as problem:  # the latter from HDF5
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        told = re.search(r"errno = (\d+)", str(problem))
+        code = getattr(problem, "errno", None) or (int(told.group(1)) if told else errno.EIO)
+        raise OSError(code, os.strerror(code), str(path)) from None
+
+
+def _require_room(path: Path, size: int) -> None:
+    with path.open("wb") as file, contextlib.suppress(AttributeError):  # no such call on this system
+        os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _bring_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def history_row(
@@ -156,7 +325,7 @@ def version_of_code() -> str:
 
 
 def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
-    """Versions, seed and engine of a run."""
+    """Versions, commit, seed, content of the case, machine and engine of a run."""
     return {
         "engine": engine,
         "case": case.name,
@@ -165,6 +334,9 @@ def basic_provenance(case: Case, engine: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "code": version_of_code(),
         "versions": {name: metadata.version(name) for name in ("numpy", "numba")},
+        "commit": commit(),
+        "case_digest": digest(case),
+        "machine": machine(),
         "complete": False,
     }
 

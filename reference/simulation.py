@@ -9,20 +9,20 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from reference.balances import close_books, removing_of_model
 from reference.case import Case
-from reference.checkpoint import Checkpoint, Saved, finished_run
+from reference.checkpoint import DAMAGE, Arrays, Checkpoint, Saved, finished_run
 from reference.fast.stepper import BOOKED, advance_fast
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
-from reference.recording import HISTORY, SUMS, Run, basic_provenance, history_row, timing
+from reference.recording import SUMS, TRAJECTORY, Run, basic_provenance, history_row, timing
 from reference.schemes import Numerics
+from reference.spool import Spool
 from reference.state import Setup
 from reference.timestep import (
     DONE,
@@ -35,11 +35,10 @@ from reference.timestep import (
 )
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
+MOST_LEDGER_ROWS = 1 << 27  # of a buffer in a checkpoint that is believed, 24 GB
 PARTICLE_STEPS = 10_000_000  # of a call of the kernel, at most: about a second, in which nothing is saved
 CHECKPOINT_INTERVAL = 10.0  # s of wall-clock time
 EVOLVING = ("position", "velocity", "mass", "heights")  # arrays of the state
-COLUMNS = [*HISTORY, *SUMS]
-FRAME = ("times", "positions", "velocities", "masses")
 REASONS = {
     NOT_FINITE: "the state is not finite",
     NOT_CONVERGED: "the drag did not converge in 100 iterations",
@@ -74,9 +73,11 @@ def simulate(
     Parameters: `out` a folder to write the run to; `progress` is called with the fraction done; `resume`
     goes on from the last checkpoint in `out`, to the same arrays, and returns a run that is complete
     already; `checkpoint_interval`, wall-clock time between two checkpoints, s.
-    Raises CaseError for a case that cannot be set up and for a checkpoint that is not this run's, and
+    Raises CaseError for a case that cannot be set up and for what another case or version left in `out`, and
     SimulationError, naming particle and time, when the state stops being finite, or a balance when it does
     not close; what was recorded is kept in `out` and in the error's `run`.
+    With `out`, the memory taken does not grow with the ledger and the trajectory (see `spool.py`): those of a
+    long run are on the disk, and read from there when they are first asked for.
     """
     if resume and out is not None:
         finished = finished_run(Path(out), case)
@@ -93,11 +94,14 @@ def simulate_setup(
     checkpoint_interval: float = CHECKPOINT_INTERVAL,
 ) -> Run:
     """Run a setup, such as several copies of a case side by side; see `simulate`."""
-    recorder = _Recorder(setup)
     checkpoint = None if out is None else Checkpoint(Path(out), setup)
+    recorder = _Recorder(setup, checkpoint)
     saved = checkpoint.load() if checkpoint is not None and resume else None
-    if saved is not None:
-        recorder.restore(saved)
+    if checkpoint is not None and saved is not None:
+        try:
+            recorder.restore(saved)
+        except DAMAGE as damage:
+            raise checkpoint.damaged(damage) from None
     else:
         if checkpoint is not None:
             checkpoint.start()
@@ -116,13 +120,14 @@ def simulate_setup(
                 last = perf_counter()
         recorder.complete = True
     finally:
-        run = recorder.run()
-        problem = close_books(run, removing_of_model(setup.model))
+        ends = recorder.ends()
+        problem = close_books(ends, removing_of_model(setup.model))
+        run = recorder.run(ends.provenance)
         if out is not None:
             run.provenance["timing"] = timing(
                 recorder.wall_time, run.provenance["steps"], len(run.diameters), recorder.sessions
             )
-            run.save(Path(out))
+            run.save_pieces(Path(out), recorder.spool.trajectory(), recorder.spool.contacts())
     if checkpoint is not None:
         checkpoint.remove()
     if problem:
@@ -179,8 +184,8 @@ def _advance_to(recorder: _Recorder, t_end: float) -> None:
 class _Recorder:
     """The state of a run in progress and what has been recorded of it."""
 
-    def __init__(self, setup: Setup):
-        self.setup = setup
+    def __init__(self, setup: Setup, checkpoint: Checkpoint | None = None):
+        self.setup, self.checkpoint = setup, checkpoint
         part = setup.case.numerics
         self.state = replace(
             setup.state,
@@ -199,12 +204,9 @@ class _Recorder:
         self.scalars = np.zeros(len(P))
         self.scalars[P.step], self.scalars[P.pad_height] = setup.time_step, setup.state.pad_height
         self.rows = empty_ledger(LEDGER_ROWS)
-        self.chunks: list[np.ndarray] = []
-        self.frames: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
-        self.history: list[dict[str, float]] = []
+        self.spool = Spool(checkpoint, len(setup.state.mass))
         self.complete = False
         self.stops = 0  # passed
-        self.saved = (0, 0)  # frames and chunks that are in the checkpoint
         self.begin, self.earlier, self.sessions = perf_counter(), 0.0, 1
 
     def start_clock(self) -> float:
@@ -219,85 +221,92 @@ class _Recorder:
 
     def collect(self) -> None:
         """Move the kernel's ledger rows out of its buffer."""
-        used = int(self.scalars[P.rows])
-        self.chunks.append(self.rows[:used].copy())
+        self.spool.add_contacts(self.rows[: int(self.scalars[P.rows])])
         self.scalars[P.rows] = 0
         self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
 
     def record(self) -> None:
         """Record the present state."""
         state = self.state
-        self.frames.append((state.time, state.position.copy(), state.velocity.copy(), state.mass.copy()))
         volume, mass = self.scalars[P.removed_volume], self.scalars[P.removed_mass]
         row = history_row(state.time, state, self.setup.state.heights, volume, mass, self.setup.case.cost)
+        row |= dict.fromkeys(SUMS, math.nan)
         booked = SUMS if self.advance is advance else BOOKED
-        sums = {name: float(self.scalars[getattr(P, name)]) for name in booked}
-        self.history.append(row | dict.fromkeys(SUMS, math.nan) | sums)
+        row |= {name: float(self.scalars[getattr(P, name)]) for name in booked}
+        frame = dict(zip(TRAJECTORY, (state.position, state.velocity, state.mass), strict=True))
+        self.spool.add_frame(state.time, frame, row)
 
     @property
     def wall_time(self) -> float:
         """Of all sessions, s."""
         return self.earlier + perf_counter() - self.begin
 
-    def news(self) -> Saved:
-        """What was recorded since it was last asked for, and the present state, for a checkpoint."""
-        frames, chunks = self.saved
-        self.saved = len(self.frames), len(self.chunks)
-        new = self.frames[frames:]  # none where the kernel stopped between output times
-        rows = {
-            name: np.array([frame[k] for frame in new]).reshape(len(new), *np.shape(self.frames[0][k]))
-            for k, name in enumerate(FRAME)
-        }
-        rows["history"] = pd.DataFrame(self.history[frames:], columns=COLUMNS).to_numpy(dtype=float)
-        rows["ledger"] = np.concatenate([*self.chunks[chunks:], self.rows[:0]])
+    def news(self) -> tuple[Arrays, Arrays]:
+        """The rows that are not on the disk yet, and the present state, for a checkpoint."""
         state = {name: getattr(self.state, name) for name in EVOLVING} | {
             "progress": self.scalars,
             "counts": np.array([self.stops, self.sessions, len(self.rows)]),
             "wall_time": np.array(self.wall_time),
         }
-        return Saved(rows, state)
+        return self.spool.take(), state
 
     def restore(self, saved: Saved) -> None:
         """Be as at a checkpoint; a ledger buffer of the same length stops the kernel at the same steps."""
-        rows, state = saved
+        state = saved.state
         for name in EVOLVING:
             getattr(self.state, name)[...] = state[name]
         self.scalars[:] = state["progress"]
         self.state.time, self.state.pad_height = self.scalars[P.time], self.scalars[P.pad_height]
         self.stops, sessions, buffer = map(int, state["counts"])
+        now, step = self.scalars[P.time], self.scalars[P.step]
+        if not (
+            0 <= self.stops <= len(_stops(self.setup))
+            and 0 < buffer <= MOST_LEDGER_ROWS
+            and 0.0 <= now <= self.setup.end_time
+            and 0.0 < step <= self.setup.time_step
+            and 0.0 <= self.scalars[P.steps] < 1e18
+        ):
+            raise ValueError(f"stop {self.stops}, a buffer of {buffer} rows, time {now:g} s, step {step:g} s")
         self.rows = empty_ledger(buffer)
-        self.frames = list(zip(*(rows[name] for name in FRAME), strict=True))
-        self.history = [dict(zip(COLUMNS, row, strict=True)) for row in rows["history"].tolist()]
-        self.chunks = [rows["ledger"]]
-        self.saved = len(self.frames), len(self.chunks)
+        self.spool.restore()
         self.earlier, self.sessions = float(state["wall_time"]), sessions + 1
 
-    def run(self) -> Run:
-        """What has been recorded, as a run."""
-        times, positions, velocities, masses = (np.array(column) for column in zip(*self.frames, strict=True))
-        surfaces = {}
+    def run(self, provenance: dict[str, Any] | None = None) -> Run:
+        """What has been recorded, as a run; from the disk what is there already, when it is asked for."""
+        known = self._known(provenance)
+        if self.spool.on_disk:
+            assert self.checkpoint is not None
+            return Run.open(self.checkpoint.folder.parent, **known)
+        (trajectory,), (contacts,) = self.spool.trajectory(), self.spool.contacts()
+        return Run(**(known | trajectory), contacts=contacts)
+
+    def ends(self) -> Run:
+        """The run without its ledger, and of its trajectory only the first and the last frame."""
+        return Run(**(self._known(None) | self.spool.ends), contacts=ledger_frame(empty_ledger(0)))
+
+    def _known(self, provenance: dict[str, Any] | None) -> dict[str, Any]:
+        """The fields of a run without trajectory and ledger."""
+        surfaces: dict[str, Heightfield | None] = {"surface_initial": None, "surface": None}
         if self.setup.model.has_surface:
             spacing = self.setup.model.spacing
             surfaces = {
                 "surface_initial": Heightfield(self.setup.state.heights, spacing),
                 "surface": Heightfield(self.state.heights, spacing),
             }
-        provenance = basic_provenance(self.setup.case, "reference") | {
+        return {
+            "case": self.setup.case,
+            "times": np.array(self.spool.times),
+            "history": self.spool.history(),
+            "diameters": self.state.diameter.copy(),
+            "provenance": self._provenance() if provenance is None else provenance,
+            **surfaces,
+        }
+
+    def _provenance(self) -> dict[str, Any]:
+        return basic_provenance(self.setup.case, "reference") | {
             "complete": self.complete,
             "steps": int(self.scalars[P.steps]),
             "rejected_steps": int(self.scalars[P.rejected]),
             "largest_duration_over_step": float(self.scalars[P.largest_ratio]),
             "notes": list(self.setup.notes),
         }
-        return Run(
-            case=self.setup.case,
-            times=times,
-            positions=positions,
-            velocities=velocities,
-            masses=masses,
-            contacts=ledger_frame(np.concatenate([*self.chunks, self.rows[:0]])),
-            history=pd.DataFrame(self.history, columns=COLUMNS),
-            diameters=self.state.diameter.copy(),
-            provenance=provenance,
-            **surfaces,
-        )

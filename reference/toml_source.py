@@ -16,6 +16,11 @@ from typing import Any
 from pydantic import ValidationError
 
 Key = tuple[str | int, ...]
+MOST_BYTES = 2_000_000  # of a case file: 10 000 particles placed by hand, and room for words
+MOST_LEVELS = 20  # of tables within tables; a case needs five
+MOST_SEARCHED = 2_000_000  # characters that are parsed again to find the line of a key, a second or two
+LONGEST = 60  # characters of a value that are shown
+WORD = re.compile(r"[\w-]{1,60}")  # keys that are shown as they are
 MISSING = object()  # the value of a key that is not there
 
 
@@ -41,7 +46,7 @@ class TomlSource:
         self.path, self.text = path, text
         if path is not None:
             try:
-                self.text = path.read_text(encoding="utf-8")
+                self.text = _read(path)
             except FileNotFoundError:
                 raise CaseError(f"{path}: no such file") from None
             except (OSError, UnicodeDecodeError) as problem:
@@ -49,8 +54,12 @@ class TomlSource:
                 raise CaseError(f"{path}: cannot be read: {reason}") from None
         try:
             self.data: dict[str, Any] = tomllib.loads(self.text)
-        except (tomllib.TOMLDecodeError, RecursionError) as problem:
+        except (ValueError, RecursionError) as problem:  # a number of 5000 digits is a ValueError alone
             raise self._malformed(str(problem)) from None
+        if not _is_shallow(self.data):
+            raise CaseError(
+                f"{self.path or 'case'}: tables within tables; allowed: up to {MOST_LEVELS} levels"
+            )
 
     def _malformed(self, message: str) -> CaseError:
         found = re.search(r"line (\d+)", message)
@@ -62,20 +71,29 @@ class TomlSource:
         )
 
     def line(self, key: Key) -> int:
-        """Line (from 1) on which `key`, or the last part of it that is there, is complete; 0 if none is."""
-        lines = self.text.splitlines(keepends=True)
+        """Line (from 1) on which `key`, or the last part of it that is there, is complete; 0 if none is.
+
+        0 also where the search would take long, as in a list of thousands of lines.
+        """
+        lines, left = self.text.splitlines(keepends=True), MOST_SEARCHED
         while key and _found(self.data, key) is MISSING:
             key = key[:-1]
 
         def complete(n: int) -> bool:
+            nonlocal left
             for end in range(n, 0, -1):  # a cut inside a value of several lines does not parse: step back
+                part = "".join(lines[:end])
+                left -= len(part)
+                if left < 0:
+                    break
                 try:
-                    return _found(tomllib.loads("".join(lines[:end])), key) is not MISSING
-                except tomllib.TOMLDecodeError:
+                    return _found(tomllib.loads(part), key) is not MISSING
+                except ValueError:
                     continue
             return False
 
-        return bisect.bisect_left(range(len(lines)), True, key=complete) if key else 0
+        found = bisect.bisect_left(range(len(lines)), True, key=complete) if key else 0
+        return found if left >= 0 else 0
 
     def error(self, key: Key, value: object, allowed: str, variant: int | None = None) -> CaseError:
         """The error about a key, which variant number `variant` may have overridden; `value` as written."""
@@ -104,19 +122,51 @@ class TomlSource:
 
 def spelled(key: Key) -> str:
     """A key as one writes it: particle[0].diameter."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".")
+    parts = (part if isinstance(part, int) or WORD.fullmatch(part) else _shown(part) for part in key)
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")
+
+
+def one_line(problem: object, longest: int = 240) -> str:
+    """What a library has to say of a file: one line of printable characters, of bounded length."""
+    text = " ".join(str(problem).split())[:longest]
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
     """`did you mean X? ` if a known name is near, and the list of all known ones."""
     names = sorted(known)
-    near = difflib.get_close_matches(str(name), names, n=1)
+    near = difflib.get_close_matches(str(name)[:LONGEST], names, n=1)
     return (f"did you mean {near[0]!r}? " if near else "") + "known: " + (", ".join(names) or "none")
 
 
+def _read(path: Path) -> str:
+    """The text of a file, which is not read when it is too large for a case."""
+    if path.is_file() and path.stat().st_size > MOST_BYTES:
+        raise CaseError(f"{path}: {path.stat().st_size} bytes; allowed: a case file, up to {MOST_BYTES}")
+    return path.read_text(encoding="utf-8")
+
+
+def _is_shallow(data: Any) -> bool:
+    """Whether tables and lists are not nested too deep; without recursion, which would end too early."""
+    level = [data]
+    for _ in range(MOST_LEVELS):
+        level = [
+            inner
+            for part in level
+            for inner in (part.values() if isinstance(part, dict) else part)
+            if isinstance(inner, dict | list)
+        ]
+        if not level:
+            return True
+    return False
+
+
 def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    try:
+        text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
+    except ValueError:  # a whole number of more digits than Python writes
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
 
 def _found(data: Any, key: Key) -> Any:

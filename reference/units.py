@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*([^\d\s.].*)?", re.ASCII)
 
+LONGEST = 200  # characters of a number and its unit
+
 # SI unit of a field: what it measures, and how one may write it
 MEANING = {
     "": ("a number", "0.5"),
@@ -64,6 +66,8 @@ def to_si(value: object, unit: str) -> float:
 
 
 def _text_to_si(text: str, unit: str) -> float:
+    if len(text) > LONGEST:  # on longer ones the parsers of numbers and units take for ever
+        raise ValueError(f"a text of {len(text)} characters, more than {LONGEST}")
     match = NUMBER_AND_UNIT.fullmatch(text)
     if match is None:
         raise ValueError("not a number followed by a unit")

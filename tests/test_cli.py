@@ -435,14 +435,12 @@ def test_what_an_interrupted_comparison_left_does_not_stand_in_the_way(tmp_path)
 
 
 def test_an_interrupted_comparison_exits_130_and_leaves_the_earlier_report(here, monkeypatch):
-    import cmpcheck.suite
-
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
     Path("report").mkdir()
     Path("report/report.json").write_text('{"schema": "cmpcheck-report/1"}', "utf-8")
-    monkeypatch.setattr(cmpcheck.suite, "run_suite", interrupt)
+    monkeypatch.setattr("cmpcheck.comparing.run_suite", interrupt)
     result = call("compare", "drag_relaxation", "--out", "report")
     assert result.exit_code == 130
     assert "cmpcheck: interrupted: report is as it was" in result.stderr
@@ -455,7 +453,7 @@ def test_a_comparison_that_cannot_begin_leaves_no_folder(here, monkeypatch):
     def refuse(*arguments):
         raise CaseError("mine.toml: no")
 
-    monkeypatch.setattr("cmpcheck.suite.run_suite", refuse)
+    monkeypatch.setattr("cmpcheck.comparing.run_suite", refuse)
     assert "mine.toml: no" in complaint("compare", "drag_relaxation", "--out", "report")
     assert not Path("report").exists()
 

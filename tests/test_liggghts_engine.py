@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmpcheck.engines import liggghts, liggghts_library
+from cmpcheck.engines import liggghts_library, protocol
 from cmpcheck.engines.lammps import output_stride
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import deck_path
@@ -142,7 +142,7 @@ def test_a_broken_deck_is_one_line_and_the_next_run_is_made(tmp_path, old, new, 
 
 
 def test_a_run_that_hangs_is_ended(monkeypatch, tmp_path):
-    monkeypatch.setattr(liggghts, "TIMEOUT", 0.01)
+    monkeypatch.setattr(protocol, "TIMEOUT", 0.01)
     with pytest.raises(EngineError, match=r"no answer within 0\.01 s"):
         simulate(variant("wall_bounce"))
 

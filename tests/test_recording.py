@@ -10,11 +10,10 @@ import sys
 import h5py
 import numba
 import numpy as np
-import pandas as pd
 import pytest
 from rounding import close
 
-from reference import simulation
+from reference import recording, simulation
 from reference.case import Case, CaseError, load_case
 from reference.ledger import COLUMNS
 from reference.recording import HISTORY, Run
@@ -189,10 +188,10 @@ def test_a_folder_half_written_is_not_complete(tmp_path, impact, monkeypatch, be
     if before:
         impact.save(folder)
 
-    def full(self, path, **options):
+    def full(path, pieces):
         raise OSError(28, "no space left")
 
-    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    monkeypatch.setattr(recording, "_write_ledger", full)
     with pytest.raises(OSError, match="no space left"):
         impact.save(folder)
     assert (folder / "trajectory.h5").exists()

@@ -1,7 +1,8 @@
-"""LAMMPS as an engine: a setup and a deck become a run.
+"""LAMMPS as an engine: a setup and a deck become a run, computed in a child process.
 
-The deck defines box, styles and fixes; the atoms, the Python fix and the run are added here.  Finding a deck
-and filling its variables is `lammps_setup.py`; what the fix does is `cmpcheck/fixes`.
+In a child, so that a crash, or a run without end, is an error of that run alone.  What happens there is
+`lammps_run.py`; finding a deck and filling its variables is `lammps_setup.py`; what the fix does is
+`cmpcheck/fixes`.
 """
 
 from __future__ import annotations
@@ -9,46 +10,39 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cmpcheck.engines.lammps_library import EngineError, available, error_message, open_lammps, version
-from cmpcheck.engines.lammps_setup import (
-    NO_QUIT,
-    Deck,
-    create_atoms,
-    deck_path,
-    execute,
-    input_flags,
-    last_words,
-    variables,
-)
+from cmpcheck.engines.child import ChildError, ChildLost, shared_child
+from cmpcheck.engines.lammps_library import EngineError, available, version
+from cmpcheck.engines.lammps_run import simulate
+from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, deck_path, last_words
 from cmpcheck.engines.observed import Observed, label, observed_run
-from cmpcheck.engines.protocol import Resolution
-from cmpcheck.fixes.layout import FORMS, MICRO
-from cmpcheck.fixes.slurry import DEFINE_STATE, SlurryFix
+from cmpcheck.engines.protocol import Resolution, timeout_of
 from cmpcheck.judges.protocol import UNOBSERVED
 from cmpcheck.results import EngineInfo
 from reference.case import Case
 from reference.recording import Run
 from reference.state import Setup
 
-OBSERVER = "cmpcheck_observer"  # ID of the fix in decks that need no fix
 DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
-SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/")
+SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/|^Total wall time")
 
 
 class LammpsEngine:
-    """Runs the deck of a case, or the user's own: `decks` maps names of cases to files."""
+    """Runs the deck of a case, or the user's own: `decks` maps names of cases to files.
+
+    `in_process`: here instead of in the child, for those who guard this process themselves.
+    """
 
     name = "lammps"
     surface_forms: tuple[str, ...] = ("soft", "impulse")
 
-    def __init__(self, decks: Mapping[str, Path] | None = None) -> None:
-        self.decks = dict(decks or {})
+    def __init__(self, decks: Mapping[str, Path] | None = None, in_process: bool = False) -> None:
+        self.decks, self.in_process = dict(decks or {}), in_process
 
     def forms_of(self, case: Case) -> tuple[str, ...]:
         """The forms of surface contact that the deck of a case can be run in: of the fix, or its own."""
@@ -72,21 +66,41 @@ class LammpsEngine:
         deck = self._deck(setup.case.name)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
+        limit = timeout_of(setup.case, self.name)
+        try:
+            seen = self._observe(limit, (deck, setup, resolution, stride, time_step))
+            run = observed_run(setup, resolution, seen, time_step, self.name, version())
+            run.provenance["deck_digest"] = deck.digest
+            if deck.external_fix is None and setup.model.has_surface:
+                _require_no_surface_struck(deck, setup, run)
+        except (EngineError, ValueError) as error:
+            raise EngineError(f"{label(setup)}: {error}") from error
+        return run
+
+    def _observe(self, limit: float, asked: tuple[Deck, Setup, Resolution, int, float]) -> Observed:
+        """What a run shows, made in the child or here; its failures end with the last lines of the log."""
+        if not self.in_process:
+            seen: Observed = ask_child(simulate, *asked, timeout=limit)
+            return seen
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
             log = Path(folder) / "log"
-            arguments = ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-            lmp = open_lammps(arguments + input_flags(variables(setup, resolution, time_step)))
             try:
-                return _simulate(lmp, deck, setup, resolution, stride, time_step)
+                return simulate(*asked, log)
             except EngineError as error:
-                raise EngineError(f"{label(setup)}: {error}{last_words(log, SAID_ALREADY)}") from error
-            except Exception as error:  # the lammps package raises Exception itself
-                if type(error) is not Exception:
-                    raise
-                message = f"{deck.path}: {error_message(error)}"
-                raise EngineError(f"{label(setup)}: {message}{last_words(log, SAID_ALREADY)}") from error
-            finally:
-                lmp.close()
+                raise EngineError(f"{error}{last_words(log, SAID_ALREADY)}") from error
+
+
+def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+    """The value of function(*arguments) in this process's child for LAMMPS.
+
+    Raises EngineError, with the last that LAMMPS said, when the child dies, is late or raises.
+    """
+    child = shared_child("lammps")
+    try:
+        return child.call(function, *arguments, timeout=timeout)
+    except ChildError as error:
+        name = "LAMMPS: " if isinstance(error, ChildLost) else ""
+        raise EngineError(f"{name}{error}{last_words(child.output, SAID_ALREADY)}") from None
 
 
 def output_stride(times: np.ndarray, time_step: float) -> int:
@@ -110,53 +124,14 @@ def refuse_rules_it_lacks(setup: Setup) -> None:
         )
 
 
-def _simulate(
-    lmp: Any, deck: Deck, setup: Setup, resolution: Resolution, stride: int, time_step: float
-) -> Run:
-    """Read the definitions, create the atoms, attach the fix, run from output to output."""
-    execute(lmp, deck.definitions(), deck.path)
-    native = deck.external_fix is None
-    if native:
-        lmp.command(DEFINE_STATE)
-    create_atoms(lmp, setup.state)
-    lmp.command(deck.external_line or f"fix {OBSERVER} all external pf/callback 1 1")
-    fix = SlurryFix(
-        lmp,
-        deck.external_fix or OBSERVER,
-        setup.model,
-        setup.state.modulus,
-        setup.state.heights,
-        pad_height=setup.state.pad_height,
-        form="observe" if native else FORMS[0] if resolution.form == "native" else resolution.form,
-        contact_duration=resolution.contact_duration,
-        sample_every=stride,
-        max_samples=len(setup.output_times),
-        ledger_speed=setup.case.numerics.ledger_speed,
-        observe_pairs=setup.model.has_pairs and len(setup.state.mass) > setup.copies,
-        case=label(setup),
-    )
-    fix.attach()
-    lmp.command(f"timestep {time_step / MICRO!r}")
-    lmp.command("thermo 0")
-    surfaces, pad_heights = [setup.state.heights], [setup.state.pad_height]
-    for k in range(len(setup.output_times) - 1):
-        lmp.command(f"run {stride} {'pre no ' if k else ''}post no")
-        fix.check()
-        surfaces.append(fix.heights.copy())
-        pad_heights.append(fix.pad_height)
-    seen = Observed(*fix.trajectory(), fix.contacts(), surfaces, pad_heights)
-    try:
-        run = observed_run(setup, resolution, seen, time_step, "lammps", version())
-    except ValueError as error:
-        raise EngineError(str(error)) from None
-    if native and setup.model.has_surface:
-        radii = setup.state.diameter / 2
-        sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
-        if sunk.max() > DEEPEST:
-            raise EngineError(
-                f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
-            )
-        # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does
-        # those of particles: the trajectory is judged.
-        run.provenance["contacts"] = UNOBSERVED
-    return run
+def _require_no_surface_struck(deck: Deck, setup: Setup, run: Run) -> None:
+    """Raise EngineError where a particle reached a surface that a deck without the fix has not."""
+    radii = setup.state.diameter / 2
+    sunk = (setup.state.heights.max() - (run.positions[:, :, 2] - radii).min(axis=0)) / radii
+    if sunk.max() > DEEPEST:
+        raise EngineError(
+            f"{deck.path} has no surface, but particle {sunk.argmax()} has reached it, and sunk in"
+        )
+    # A wall of LAMMPS's own may have been struck.  Nothing observes its contacts, as fixes/pairs.py does
+    # those of particles: the trajectory is judged.
+    run.provenance["contacts"] = UNOBSERVED

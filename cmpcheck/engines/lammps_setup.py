@@ -6,6 +6,7 @@ No simulation here (`lammps.py`), and no running of a deck on its own (`cmpcheck
 
 from __future__ import annotations
 
+import hashlib
 import re
 import tempfile
 from collections.abc import Mapping
@@ -56,6 +57,11 @@ class Deck:
             return cls(path, path.read_text("utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise EngineError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of its text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
 
     @property
     def external_fix(self) -> str | None:

@@ -7,27 +7,27 @@ be in one process with LAMMPS's MPICH.  What happens in the child is `liggghts_r
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cmpcheck.engines.child import Child, ChildError
+from cmpcheck.engines.child import ChildError, shared_child
 from cmpcheck.engines.lammps import output_stride, refuse_rules_it_lacks
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path, last_words
-from cmpcheck.engines.liggghts_library import SCREEN, available, version
+from cmpcheck.engines.liggghts_library import available, version
 from cmpcheck.engines.liggghts_run import simulate
 from cmpcheck.engines.observed import label, observed_run
-from cmpcheck.engines.protocol import Resolution
+from cmpcheck.engines.protocol import Resolution, timeout_of
 from cmpcheck.results import EngineInfo
 from reference.recording import Run
 from reference.state import Setup
 
-TIMEOUT = 600.0  # s for one run, unless [engine.liggghts] timeout says otherwise
-NOISE = re.compile(r"WARNING! (Style|VariantSelector) collision|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$")
+NOISE = re.compile(
+    r"WARNING! (Style|VariantSelector) collision|whitelist|needs to be recompiled"
+    r"|^\s*[\d.\s]*$|^Loop time|^\s*Step\s*$"
+)
 
 
 class LiggghtsEngine:
@@ -54,13 +54,16 @@ class LiggghtsEngine:
         deck = Deck.read(path)
         stride = output_stride(setup.output_times, resolution.time_step)
         time_step = float(setup.output_times[1]) / stride
+        limit = timeout_of(setup.case, self.name)
         try:
-            seen = ask_child(simulate, deck, setup, resolution, stride, time_step, timeout=_timeout(setup))
-            return observed_run(setup, resolution, seen, time_step, self.name, version())
+            seen = ask_child(simulate, deck, setup, resolution, stride, time_step, timeout=limit)
+            run = observed_run(setup, resolution, seen, time_step, self.name, version())
         except EngineError as error:
             raise EngineError(f"{label(setup)}: {error}") from None
         except ValueError as error:
             raise EngineError(f"{label(setup)}: LIGGGHTS: {error}") from None
+        run.provenance["deck_digest"] = deck.digest
+        return run
 
 
 def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
@@ -68,25 +71,8 @@ def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> 
 
     Raises EngineError, with the last that LIGGGHTS said, when the child dies, is late or raises.
     """
-    child = _child(os.getpid())
+    child = shared_child("liggghts")
     try:
         return child.call(function, *arguments, timeout=timeout)
     except ChildError as error:
-        raise EngineError(f"LIGGGHTS: {error}{last_words(child.folder / SCREEN, NOISE)}") from None
-
-
-@cache
-def _child(process: int) -> Child:
-    """The child of this process; it stays between runs, because loading LIGGGHTS takes longer than most."""
-    return Child()
-
-
-def _timeout(setup: Setup) -> float:
-    """Seconds for one run.  Raises CaseError for a value that is not positive."""
-    table = setup.case.engine.get("liggghts", {})
-    if "timeout" not in table:
-        return TIMEOUT
-    value = setup.case.quantity(table["timeout"], "s", "engine.liggghts.timeout")
-    if not value > 0.0:
-        raise setup.case.error("engine.liggghts.timeout", table["timeout"], "allowed: > 0")
-    return value
+        raise EngineError(f"LIGGGHTS: {error}{last_words(child.output, NOISE)}") from None

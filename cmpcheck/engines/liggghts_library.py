@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from cmpcheck.engines.child import write_lines_at_once
+
 INSTALL = "apt-get install liggghts"
 PROGRAM = "liggghts"
-SCREEN = "screen"  # file in the working directory that gets what LIGGGHTS says
 ANSWERS_WITHIN = 60.0  # s, for `liggghts -help`
 
 
@@ -62,14 +63,15 @@ def available() -> tuple[bool, str]:
 def opened(definitions: str, flags: Sequence[str]) -> Iterator[Liggghts]:
     """An instance that has read a deck's definitions, closed at the end; the working directory gets files.
 
-    Parameters: flags of its command line, such as -var NAME VALUE.  What it says goes to the file `SCREEN`.
+    Parameters: flags of its command line, such as -var NAME VALUE.  What it says goes to the standard output.
     """
-    Path(SCREEN).unlink(missing_ok=True)  # an instance before may write to its own until the process ends
+    write_lines_at_once(True)
     part = Path("definitions").absolute()
     part.write_text(definitions, "utf-8")
-    liggghts = Liggghts(["-log", "none", "-screen", SCREEN, *flags])
+    liggghts = Liggghts(["-log", "none", *flags])
     try:
         liggghts.file(str(part))
+        write_lines_at_once(False)  # what it says of each step would cost as much as the step
         yield liggghts
     finally:
         liggghts.close()

@@ -43,7 +43,7 @@ def simulate(deck: Deck, setup: Setup, resolution: Resolution, stride: int, time
 
     Parameters: stride, steps between outputs; time_step in s.
     Raises ValueError, in one line, for a deck or a run that is not as it must be.  LIGGGHTS's own errors end
-    the process; the last lines of `liggghts_library.SCREEN` tell them.
+    the process; the last lines of its output tell them.
     """
     mesh = Path("surface.stl").absolute()
     if setup.model.has_surface:

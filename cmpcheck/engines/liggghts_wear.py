@@ -17,7 +17,7 @@ from cmpcheck.engines.child import Child, ChildError
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path, input_flags, last_words
 from cmpcheck.engines.liggghts import NOISE
-from cmpcheck.engines.liggghts_library import SCREEN, opened
+from cmpcheck.engines.liggghts_library import opened
 from cmpcheck.fixes.layout import MICRO
 
 DECK = "finnie_wear"
@@ -72,7 +72,7 @@ class FinnieDeck:
         try:
             depths: np.ndarray = self.child.call(worn_depths, self.definitions, values, timeout=TIMEOUT)
         except ChildError as error:
-            said = last_words(self.child.folder / SCREEN, NOISE)
+            said = last_words(self.child.output, NOISE)
             raise EngineError(f"{self.path.name}: LIGGGHTS: {error}{said}") from None
         return depths * MICRO**3
 

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from cmpcheck.results import EngineInfo
+from reference.case import Case
 from reference.recording import Run
 from reference.state import Setup
+
+TIMEOUT = 600.0  # s for one run of another code, unless `[engine.NAME] timeout` says otherwise
 
 
 @dataclass(frozen=True)
@@ -49,3 +52,17 @@ class Engine(Protocol):
         Raises a RuntimeError, in one line, when the engine fails, and NotSupported for what it cannot do.
         """
         ...
+
+
+def timeout_of(case: Case, engine: str) -> float:
+    """Seconds of wall-clock time that one run of an engine may take.
+
+    Raises CaseError for a `timeout` in the case that is not positive.
+    """
+    table, path = case.engine.get(engine, {}), f"engine.{engine}.timeout"
+    if "timeout" not in table:
+        return TIMEOUT
+    value = case.quantity(table["timeout"], "s", path)
+    if not value > 0.0:
+        raise case.error(path, table["timeout"], "allowed: > 0")
+    return value

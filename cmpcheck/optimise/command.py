@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cmpcheck.shell import INTERRUPTED, BadInput, command, complain, progress_bars
+from cmpcheck.shell import INTERRUPTED, BadInput, command, complain, progress_bars, sentence_of
 
 if TYPE_CHECKING:
     from cmpcheck.optimise.workers import Workers
@@ -81,6 +81,8 @@ def optimise(
             complain(f"interrupted: {folder} keeps {store.totals()[0]} samples; {go_on}", INTERRUPTED)
         except WorkersError as problem_met:
             complain(f"{problem_met}: {folder} keeps {store.totals()[0]} samples; {go_on}", 1)
+        except OSError as problem_met:
+            complain(f"{sentence_of(problem_met)}; {folder} keeps the samples that were finished; {go_on}", 1)
         finally:
             store.close()
     for line in summary(design):

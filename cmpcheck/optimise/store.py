@@ -7,6 +7,7 @@ the file's lock; which strings are asked for is not decided here.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -91,11 +92,21 @@ class Store:
 
     @classmethod
     def resume(cls, folder: Path, case: Case) -> Store:
-        """The store of a run of this case that goes on; raises OutputError for anything else."""
+        """The store of a run of this case that goes on, or an empty one where a run was killed at its start.
+
+        Raises OutputError for anything else.
+        """
         if not (folder / FILE).is_file():
+            if folder.is_dir() and {path.name for path in folder.iterdir()} == {CASE_FILE}:
+                return cls.create(folder, case, force=True)
             raise OutputError(
                 f"{folder}: holds no optimisation to go on with; leave --resume out to start one"
             )
+        with _connected(folder) as sql:
+            begun = sql.execute("SELECT count(*) FROM sqlite_master WHERE name = 'meta'").fetchone()[0]
+            begun = begun and sql.execute("SELECT count(*) FROM meta").fetchone()[0]
+        if not begun:
+            return cls.create(folder, case, force=True)
         with _connected(folder, keep=True) as sql:
             meta = dict(sql.execute("SELECT key, value FROM meta"))
             if meta.get("schema") != SCHEMA:
@@ -119,13 +130,13 @@ class Store:
 
     def remember(self, key: str, value: str) -> None:
         """Keep what is asked of the run, so that it goes on with it when it is resumed."""
-        with self._sql:
+        with self._transaction():
             self._sql.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, value))
 
     def number_of(self, string: String) -> int:
         """The number of a string, entered if it is new."""
         genes = json.dumps(list(string))
-        with self._sql:
+        with self._transaction():
             self._sql.execute("INSERT OR IGNORE INTO strings (genes) VALUES (?)", (genes,))
         (number,) = self._sql.execute("SELECT number FROM strings WHERE genes = ?", (genes,)).fetchone()
         return int(number)
@@ -135,15 +146,24 @@ class Store:
         rows = self._sql.execute("SELECT * FROM samples WHERE string = ?", (number,))
         return {k: Sample(_nan(c), _nan(f), _nan(r), _nan(m), _nan(s), e) for _, k, c, f, r, m, s, e in rows}
 
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """A change that is made as a whole or not at all.  Raises OSError that names the file."""
+        try:
+            with self._sql:
+                yield
+        except sqlite3.OperationalError as problem:
+            raise OSError(errno.EIO, str(problem), str(self.folder / FILE)) from None
+
     def add_samples(self, finished: Sequence[tuple[int, int, Sample]]) -> None:
         """Keep finished samples, each with the number of its string and its k, for good."""
         rows = [(number, k, *sample) for number, k, sample in finished]
-        with self._sql:
+        with self._transaction():
             self._sql.executemany("INSERT OR REPLACE INTO samples VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
 
     def add_result(self, number: int, found: Evaluated) -> None:
         """Keep what an ensemble came to."""
-        with self._sql:
+        with self._transaction():
             self._sql.execute(
                 "UPDATE strings SET cost = ?, standard_error = ?, samples = ?, settled = ?, reason = ? "
                 "WHERE number = ?",
@@ -158,7 +178,7 @@ class Store:
             (run, first + n, generation, origin, number)
             for n, (origin, number) in enumerate(zip(origins, numbers, strict=True))
         ]
-        with self._sql:
+        with self._transaction():
             self._sql.executemany("INSERT OR REPLACE INTO asked VALUES (?, ?, ?, ?, ?)", rows)
 
     def asked(self, run: str) -> list[Asked]:
@@ -175,7 +195,7 @@ class Store:
 
     def save_state(self, generation: int, state: dict[str, Any]) -> None:
         """Keep the state of the genetic algorithm after a generation."""
-        with self._sql:
+        with self._transaction():
             row = (generation, json.dumps(state))
             self._sql.execute("INSERT OR REPLACE INTO states VALUES (?, ?)", row)
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from typing import Any
+
+from cmpcheck.pool import follow_parent
 
 CONNECT_SECONDS = 10.0  # for a scheduler to answer
 
@@ -96,16 +96,9 @@ class LocalProcesses(Workers):
 
 
 def _attend_parent() -> None:
-    """In a worker: leave interrupts to the parent, and end when it is gone, even if it was killed."""
+    """In a worker: leave interrupts to the parent, and end when it is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def follow() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
+    follow_parent()
 
 
 class DaskCluster(Workers):

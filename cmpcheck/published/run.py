@@ -45,11 +45,12 @@ class BenchmarkTask:
 
 
 def run_benchmarks(
-    tasks: Sequence[BenchmarkTask], jobs: int, done: Callable[[str], None] | None = None
+    tasks: Sequence[BenchmarkTask], jobs: int, done: Callable[[CaseResult, bool], None] | None = None
 ) -> list[CaseResult]:
     """What was found for each, in order; one that failed as a whole is an error of each of its engines.
 
-    Parameters: jobs, processes; done, called with each name as it ends.
+    Parameters: jobs, processes; done, called with each result as it comes, and whether the process that
+    ran it died.
     """
     results = {}
     for task, future in run_tasks(run_benchmark, tasks, jobs):
@@ -60,7 +61,7 @@ def run_benchmarks(
         else:
             results[task.name] = future.result()
         if done is not None:
-            done(task.name)
+            done(results[task.name], bool(problem))
     return [results[task.name] for task in tasks]
 
 

@@ -1,33 +1,27 @@
-"""A scene in LAMMPS: the deck's definitions, the spheres, the steps."""
+"""A scene in LAMMPS, in the child process: the deck's definitions, the spheres, the steps."""
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
-from cmpcheck.engines.lammps_library import EngineError, error_message, open_lammps, per_atom
-from cmpcheck.engines.lammps_setup import Deck, execute, input_flags
-from cmpcheck.published.scene import After, Scene, separation
+from cmpcheck.engines.lammps import ask_child
+from cmpcheck.engines.lammps_library import EngineError, per_atom
+from cmpcheck.engines.lammps_run import opened
+from cmpcheck.engines.lammps_setup import Deck, execute
+from cmpcheck.published.scene import TIMEOUT, After, Scene, separation
 
 
 def run_lammps(deck: Deck, scene: Scene) -> After:
     """Simulate a scene.  Raises EngineError, with LAMMPS's own words, when that fails."""
-    with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
-        arguments = ["-log", str(Path(folder) / "log"), "-screen", "none", "-var", "driver", "cmpcheck"]
-        lmp = open_lammps(arguments + input_flags(scene.variables))
-        try:
-            execute(lmp, deck.definitions(), deck.path)
-            return _simulate(lmp, scene)
-        except EngineError:
-            raise
-        except Exception as error:  # the lammps package raises Exception itself
-            if type(error) is not Exception:
-                raise
-            raise EngineError(f"{deck.path}: {error_message(error)}") from error
-        finally:
-            lmp.close()
+    after: After = ask_child(simulate, deck, scene, timeout=TIMEOUT)
+    return after
+
+
+def simulate(deck: Deck, scene: Scene) -> After:
+    """Run a scene in this process."""
+    with opened(deck, scene.variables) as lmp:
+        execute(lmp, deck.definitions(), deck.path)
+        return _simulate(lmp, scene)
 
 
 def _simulate(lmp, scene: Scene) -> After:  # type: ignore[no-untyped-def]

@@ -8,9 +8,7 @@ from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, input_flags
 from cmpcheck.engines.liggghts import ask_child
 from cmpcheck.engines.liggghts_library import Liggghts, opened
-from cmpcheck.published.scene import After, Scene, separation
-
-TIMEOUT = 120.0  # s, for a run of well below one
+from cmpcheck.published.scene import TIMEOUT, After, Scene, separation
 
 
 def run_liggghts(deck: Deck, scene: Scene) -> After:

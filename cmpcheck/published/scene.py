@@ -20,6 +20,7 @@ DAMPED = 4  # times as many where only restitution is measured: one sphere, and 
 LEVELS = {"quick": 3, "full": 4}  # each halves the step of the one before
 LEAD = 2.0  # steps before the first touch
 RIGID = 1e9  # a rigid wall's modulus over the sphere's: E* misses the rigid limit by 1e-9 of itself
+TIMEOUT = 120.0  # s of wall-clock time for the run of a scene, which takes well below one
 MODELS = ("hertz", "spring-dashpot")
 
 

@@ -124,7 +124,7 @@ class Baseline:
             horizon = study_horizon(ReferenceEngine(), study) if isinstance(judge, SwarmJudge) else None
             self._keep(self._file(label, engine), study, horizon)
             return
-        other = LammpsEngine()
+        other = LammpsEngine(in_process=True)
         for form in _forms(judge):
             study = engine_study(other, judge, setup, "quick", form)
             horizon = study_horizon(other, study) if isinstance(judge, SwarmJudge) else None
@@ -235,7 +235,7 @@ def _other(
     """LAMMPS's study: with the error where it makes it, else the one that was kept."""
     if not run_lammps:
         return baseline.study(label, "lammps", form)
-    engine = _Switched(LammpsEngine(decks), on)
+    engine = _Switched(LammpsEngine(decks, in_process=True), on)
     study = engine_study(engine, judge, setup, "quick", form)
     return study, study_horizon(engine, study) if isinstance(judge, SwarmJudge) else None
 

@@ -40,10 +40,11 @@ def sensitivity(
     Seeds errors into a copy of the sources, one at a time, and lists the checks that notice each.  The full
     profile also finds the smallest size that is noticed, the power of the statistics, and what tests miss.
     """
+    from cmpcheck.outputs import write_whole
     from cmpcheck.sensitivity import building, document, page, words
     from cmpcheck.sensitivity.catalogue import all_mutants
     from cmpcheck.sensitivity.run import plan_of, run_plan
-    from cmpcheck.sensitivity.store import DOCUMENT, Store, write_whole
+    from cmpcheck.sensitivity.store import DOCUMENT, Store
 
     if resume and force:
         raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")

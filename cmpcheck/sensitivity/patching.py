@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cmpcheck.provenance import PARTS
 from cmpcheck.sensitivity.mutants import Mutant
 
-PARTS = ("reference", "cmpcheck", "lammps_inputs")
 SIZE = "SIZE"
 IMPORT = "from cmpcheck.sensitivity.switch import seeded, seeded_size"
 

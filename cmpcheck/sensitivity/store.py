@@ -7,32 +7,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cmpcheck.outputs import OutputError, writable
-from cmpcheck.sensitivity.patching import PARTS, project_root
+from cmpcheck.outputs import OutputError, writable, write_whole
+from cmpcheck.provenance import sources_digest
 
 DOCUMENT, FOUND, SETTINGS = "sensitivity.json", "data", "settings.json"
 OWN = (DOCUMENT, "index.html", "sensitivity.md", FOUND)
-SOURCES = (".py", ".toml")
 SHOWING = ("document", "words", "figures", "page", "command")  # of this package: they find nothing
 
 
 def source_digest() -> str:
     """Digest of everything that a finding depends on: sources, cases and decks."""
-    root, digest = project_root(), hashlib.sha256()
-    for part in PARTS:
-        for path in sorted((root / part).rglob("*")):
-            if path.parent.name == "sensitivity" and path.stem in SHOWING:
-                continue
-            if path.is_file() and (path.suffix in SOURCES or path.name.startswith("in.")):
-                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
+    return sources_digest(lambda path: path.parent.name == "sensitivity" and path.stem in SHOWING)
 
 
 @dataclass(frozen=True)
@@ -106,13 +97,3 @@ class Store:
     def count(self, kind: str) -> int:
         """How many findings of a kind there are."""
         return len(list((self.folder / FOUND / kind).glob("*.json")))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there as a whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", encoding="utf-8", newline="\n") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 SAMPLE = 3000  # numbers of a group that are looked at: a program writes all with one format
+LONGEST = 400  # characters of a number; it has 17 digits that count, and an exponent
 NUMBER = re.compile(r"[-+]?(\d*)\.?(\d*)(?:[eEdD]([-+]?\d+))?")
 
 
@@ -58,7 +59,7 @@ def _sample(texts: Sequence[str]) -> Sequence[str]:
 
 def _split(text: str) -> tuple[int, int | None]:
     """Significant digits, and decimals (None with an exponent), of a number as written."""
-    match = NUMBER.fullmatch(text.strip())
+    match = NUMBER.fullmatch(text.strip()) if len(text) <= LONGEST else None
     if match is None:
         return 0, None
     whole, part, exponent = match.groups()

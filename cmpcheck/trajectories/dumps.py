@@ -11,7 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from cmpcheck.trajectories.digits import text_resolution
-from cmpcheck.trajectories.frames import COLUMNS, Frames, canonical, declare, rename, shown
+from cmpcheck.trajectories.frames import (
+    COLUMNS,
+    LARGEST,
+    Frames,
+    canonical,
+    declare,
+    rename,
+    shown,
+    unusable,
+)
 from reference.toml_source import CaseError
 
 SCALED = {"xs": "x", "ys": "y", "zs": "z", "xsu": "x", "ysu": "y", "zsu": "z"}
@@ -90,9 +99,12 @@ class _Reader:
         if any(len(row) != 2 for row in rows):
             raise self.fail("box bounds that are not two numbers: triclinic boxes are not read", first)
         try:
-            return np.array(rows, dtype=float)
+            bounds = np.array(rows, dtype=float)
         except ValueError:
             raise self.fail("box bounds that are not numbers", first) from None
+        if unusable(bounds).any():
+            raise self.fail("box bounds that are not finite", first)
+        return bounds
 
     def _atoms(self, names: list[str]) -> None:
         first = self.at
@@ -110,6 +122,8 @@ class _Reader:
                 values = np.array(texts, dtype=float)
             except ValueError:
                 raise self.fail(f"{name}: a value is not a number", first) from None
+            if unusable(values).any():
+                raise self.fail(f"{name}: a value is not a finite number up to {LARGEST:g}", first)
             if name in SCALED:
                 if self.bounds is None:
                     raise self.fail(f"{name} is scaled by the box, but there are no BOX BOUNDS", first)
@@ -136,8 +150,10 @@ class _Reader:
         said = self.times or self.steps
         try:
             times = np.array(said, dtype=float)
+            if unusable(times).any():
+                raise ValueError
         except ValueError:
-            raise CaseError(f"{self.path}: a time or step is not a number") from None
+            raise CaseError(f"{self.path}: a time or step is not a finite number") from None
         groups = {"time": self.times} if self.times else {}
         largest = {"time": float(np.abs(times).max(initial=0.0))}
         for key in ("x y z", "vx vy vz", "mass", "diameter"):

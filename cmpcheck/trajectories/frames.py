@@ -34,6 +34,11 @@ ALIASES = {
 TWICE = ("radius", "radii")  # half of a diameter
 DECLARED = ("units", "time_step", "contact_duration")
 SHOWN = 60  # characters of a text from a file
+MOST_BYTES = 250_000_000  # of a file, which takes up to ten times as much memory while it is read
+MOST_NUMBERS = 100_000_000  # in a file, which may be compressed; 800 MB
+MOST_TIMES = 100_000  # files of a series
+LARGEST = 1e50  # number in a file, whose squares are still numbers
+FEWER = "fewer output times or particles, or single columns"
 
 
 @dataclass
@@ -58,6 +63,26 @@ class Columns:
     resolution: dict[str, float]
 
 
+def check_size(path: Path) -> None:
+    """Refuse a file that is too large to be read into memory.  Raises CaseError, OSError where it is gone."""
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise CaseError(
+            f"{path}: {size / 1e6:.0f} MB; allowed: up to {MOST_BYTES / 1e6:.0f} MB, with {FEWER}"
+        )
+
+
+def check_numbers(path: Path, count: float) -> None:
+    """Refuse a file that says that it holds too many numbers.  Raises CaseError."""
+    if count > MOST_NUMBERS:
+        raise CaseError(f"{path}: {count:.3g} numbers; allowed: up to {MOST_NUMBERS:.0e}, with {FEWER}")
+
+
+def unusable(values: np.ndarray) -> np.ndarray:
+    """Which numbers cannot be computed with: what is not finite, or beyond any unit."""
+    return ~(np.abs(values) <= LARGEST)
+
+
 def canonical(name: str) -> str:
     """Our name of a column."""
     lower = name.strip().strip('"').lower()
@@ -66,13 +91,8 @@ def canonical(name: str) -> str:
 
 def shown(text: object) -> str:
     """A text from a file, fit for one line."""
-    said = repr(text)
+    said = repr(text) if str(text).isprintable() else ascii(text)
     return said if len(said) <= SHOWN else said[: SHOWN - 3] + "..."
-
-
-def one_line(problem: Exception) -> str:
-    """What a library has to say of a file, in one line of bounded length."""
-    return " ".join(f"{problem}".split())[: 4 * SHOWN]
 
 
 def rename(path: Path, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -97,8 +117,8 @@ def assemble(read: Frames, count: int) -> Columns:
     path, times = read.path, read.times
     if not len(times):
         raise CaseError(f"{path}: holds no time at all; allowed: the times from 0 to the end of the case")
-    if not np.isfinite(times).all():
-        raise CaseError(f"{path}: a time is not finite; allowed: finite numbers")
+    if unusable(times).any():
+        raise CaseError(f"{path}: a time is not finite; allowed: finite numbers up to {LARGEST:g}")
     if (np.diff(times) <= 0.0).any():
         late = float(times[1:][np.diff(times) <= 0.0][0])
         raise CaseError(f"{path}: time {late:g} follows a later or equal one; allowed: times that rise")
@@ -119,6 +139,7 @@ def assemble(read: Frames, count: int) -> Columns:
             f"{path}: no column particle (or id): which of {count} particles is which is not known; add it"
         )
     names = [name for name in first if name not in ("time", "particle")]
+    check_numbers(path, float(len(names)) * len(times) * count)
     values = {name: np.empty((len(times), count)) for name in names}
     ids: np.ndarray | None = None
     for k, (time, frame) in enumerate(zip(times, read.frames, strict=True)):
@@ -140,7 +161,7 @@ def assemble(read: Frames, count: int) -> Columns:
         for name in names:
             values[name][k] = frame[name][order]
     for name in names:
-        bad = ~np.isfinite(values[name])
+        bad = unusable(values[name])
         if bad.any():
             k, p = np.argwhere(bad)[0]
             raise CaseError(f"{path}: time {times[k]:g}, particle {p}: {name} is not finite")

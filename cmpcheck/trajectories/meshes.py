@@ -5,6 +5,8 @@ The index may say its units: an attribute units="si" of the first element of .pv
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 from pathlib import Path, PurePath
@@ -15,8 +17,18 @@ import meshio
 import numpy as np
 
 from cmpcheck.trajectories.digits import binary_resolution, text_resolution
-from cmpcheck.trajectories.frames import DECLARED, Frames, canonical, declare, one_line, shown
-from reference.toml_source import CaseError
+from cmpcheck.trajectories.frames import (
+    DECLARED,
+    LARGEST,
+    MOST_TIMES,
+    Frames,
+    canonical,
+    check_size,
+    declare,
+    shown,
+    unusable,
+)
+from reference.toml_source import CaseError, one_line
 
 READERS = {".vtu": meshio.vtu.read, ".vtk": meshio.vtk.read}
 VECTORS = {"velocity", "vel", "v", "linvelvec"}  # names of the velocity, in lower case
@@ -31,8 +43,8 @@ def read_series(path: Path) -> Frames:
     except UnicodeDecodeError:
         raise CaseError(f"{path}: not UTF-8 text") from None
     listed, said = _pvd(path, text) if path.suffix == ".pvd" else _series(path, text)
-    if not listed:
-        raise CaseError(f"{path}: names no files")
+    if not 0 < len(listed) <= MOST_TIMES:
+        raise CaseError(f"{path}: names {len(listed)} files; allowed: 1 to {MOST_TIMES}")
     times, frames = [], []
     resolution: dict[str, float] = {}
     for time, name in listed:
@@ -58,6 +70,8 @@ def _pvd(path: Path, text: str) -> tuple[list[tuple[float, str]], dict[str, Any]
     for entry in root.iter("DataSet"):
         try:
             time, part = float(entry.get("timestep", "")), int(entry.get("part", "0"))
+            if not abs(time) <= LARGEST:
+                raise ValueError
         except ValueError:
             raise CaseError(f"{path}: a DataSet whose timestep or part is not a number") from None
         sets.setdefault(time, {})[part] = entry.get("file", "")
@@ -69,8 +83,10 @@ def _series(path: Path, text: str) -> tuple[list[tuple[float, str]], dict[str, A
     try:
         said = json.loads(text)
         listed = [(float(entry["time"]), str(entry["name"])) for entry in said["files"]]
+        if not all(abs(time) <= LARGEST for time, _ in listed):
+            raise ValueError("a time is not finite")
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise CaseError(f"{path}: not a .series index: {problem!r}") from None
+        raise CaseError(f"{path}: not a .series index: {one_line(problem)}") from None
     return listed, said
 
 
@@ -89,11 +105,15 @@ def _inside(path: Path, name: str) -> Path:
 def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Columns of one file, and the resolution of each."""
     try:
+        check_size(path)
         raw = path.read_bytes()
     except OSError as problem:
         raise CaseError(f"{path}: {problem.strerror}") from None
     try:
-        mesh = READERS[path.suffix](str(path))
+        with contextlib.redirect_stderr(io.StringIO()) as said:  # where meshio says what it leaves out
+            mesh = READERS[path.suffix](str(path))
+        if "Skipping" in said.getvalue():
+            raise ValueError(said.getvalue())
         points, data = np.asarray(mesh.points), dict(mesh.point_data)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError("its points have no three coordinates")
@@ -111,6 +131,9 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
             flat = array.reshape(-1)
             if ours in ("mass", "diameter", "particle"):
                 columns[ours] = 2.0 * flat if name.lower() in ("radius", "radii") else flat
+    for name, values in columns.items():
+        if unusable(values).any():
+            raise CaseError(f"{path}: {name} is not finite")
     resolution = {name: _resolution(values, _digits(raw, path.suffix)) for name, values in columns.items()}
     return {name: values.astype(float) for name, values in columns.items()}, resolution
 

@@ -16,7 +16,16 @@ import pandas as pd
 from cmpcheck.judges.protocol import UNOBSERVED, Judge
 from cmpcheck.phases import unwrapped
 from cmpcheck.trajectories.dumps import read_dump
-from cmpcheck.trajectories.frames import POSITION, VELOCITY, Columns, Frames, assemble, shown
+from cmpcheck.trajectories.frames import (
+    FEWER,
+    POSITION,
+    VELOCITY,
+    Columns,
+    Frames,
+    assemble,
+    check_size,
+    shown,
+)
 from cmpcheck.trajectories.meshes import read_series
 from cmpcheck.trajectories.tables import read_csv, read_parquet
 from cmpcheck.trajectories.units import ALLOWED, Units, duration, parse_units
@@ -71,9 +80,12 @@ def read(path: Path) -> Frames:
     if not path.is_file():
         raise CaseError(f"{path}: no such file")
     try:
+        check_size(path)
         return reader(path)
     except OSError as problem:
         raise CaseError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+    except MemoryError:
+        raise CaseError(f"{path}: more than there is memory for; allowed: {FEWER}") from None
 
 
 def evidence(path: Path, setup: Setup, options: Options, judge: Judge) -> Evidence:
@@ -219,7 +231,8 @@ def _check_times(path: Path, times: np.ndarray, setup: Setup, time_step: float) 
         raise CaseError(
             f"{path}: ends at {times[-1]:g} s, but the case lasts {end:g} s; allowed: the whole case"
         )
-    beyond = max(step, END * end, float(times[-1] - times[-2]) if len(times) > 1 else 0.0)
+    interval = float(times[-1] - times[-2]) if len(times) > 1 else 0.0
+    beyond = min(max(step, END * end, interval), end)
     if times[-1] > end + beyond:
         raise CaseError(
             f"{path}: ends at {times[-1]:g} s, but the case lasts {end:g} s; allowed: an output more"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +24,13 @@ from cmpcheck.trajectories.frames import (
     VELOCITY,
     Frames,
     canonical,
+    check_numbers,
     declare,
-    one_line,
     rename,
     shown,
+    unusable,
 )
-from reference.toml_source import CaseError
+from reference.toml_source import CaseError, one_line
 
 SEPARATORS = (",", ";", "\t")
 
@@ -51,11 +53,13 @@ def read_csv(path: Path) -> Frames:
         )
     separator = next((sign for sign in SEPARATORS if sign in body[0]), r"\s+")
     try:
-        table = pd.read_csv(
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more values than columns
+            table = pd.read_csv(
             io.StringIO("\n".join(body)), sep=separator, dtype=str, keep_default_na=False, index_col=False,
             skipinitialspace=True, quoting=3, on_bad_lines="error",
         )  # fmt: skip
-    except (ValueError, pd.errors.ParserError) as problem:
+    except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning) as problem:
         raise CaseError(f"{path}: not a table: {one_line(problem)}") from None
     known = {name: table[name] for name in table.columns if canonical(str(name)) in COLUMNS}
     texts = rename_texts(path, known)
@@ -67,14 +71,14 @@ def read_csv(path: Path) -> Frames:
                 f"{path}: row {int(short.to_numpy().argmax()) + 1} of the table has no {shown(name)}"
             )
         numbers = pd.to_numeric(series, errors="coerce").to_numpy(float)
-        bad = ~np.isfinite(numbers)
+        bad = unusable(numbers)
         if bad.any():
             row = int(bad.argmax())
             raise CaseError(
                 f"{path}: row {row + 1} of the table: {name} = {shown(series.iloc[row])}; allowed: finite "
                 "numbers"
             )
-        columns[str(name)] = numbers
+        columns[str(name)] = np.array(list(series), dtype=float)  # exact; pandas 2 is off in the last place
     groups = (("time",), POSITION, VELOCITY, ("mass",), ("diameter",))
     renamed = rename(path, columns)
     written = {
@@ -99,7 +103,11 @@ def rename_texts(path: Path, known: dict[str, pd.Series]) -> dict[str, list[str]
 def read_parquet(path: Path) -> Frames:
     """A Parquet file.  Raises CaseError in one line."""
     try:
+        described = pq.read_metadata(path)
+        check_numbers(path, float(described.num_rows) * described.num_columns)
         table = pq.read_table(path, memory_map=False)
+    except CaseError:
+        raise
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise CaseError(f"{path}: not a Parquet file: {one_line(problem)}") from None
     columns: dict[str, np.ndarray] = {}
@@ -115,10 +123,10 @@ def read_parquet(path: Path) -> Frames:
     }
     said = {key.decode("utf-8", "replace"): value for key, value in (table.schema.metadata or {}).items()}
     found = [(key, said[key].decode("utf-8", "replace")) for key in DECLARED if key in said]
-    found += [(key, str(value)) for key, value in _attributes(said.get("pandas")).items() if key in DECLARED]
+    found += [(key, str(value)) for key, value in _attributes(said).items() if key in DECLARED]
     doubles = {name: values.astype(float) for name, values in columns.items()}
     for name, values in doubles.items():
-        bad = ~np.isfinite(values)
+        bad = unusable(values)
         if bad.any():
             raise CaseError(
                 f"{path}: row {int(bad.argmax()) + 1}: {name} is not finite; allowed: finite numbers"
@@ -126,13 +134,17 @@ def read_parquet(path: Path) -> Frames:
     return _by_time(path, rename(path, doubles), resolution, declare(path, found))
 
 
-def _attributes(described: bytes | None) -> dict[str, object]:
-    """`DataFrame.attrs`, which pandas keeps beside its description of the columns."""
-    try:
-        attributes = json.loads(described or b"{}").get("attributes") or {}
-        return dict(attributes) if isinstance(attributes, dict) else {}
-    except (ValueError, AttributeError):
-        return {}
+def _attributes(metadata: dict[str, bytes]) -> dict[str, object]:
+    """`DataFrame.attrs`: beside pandas's description of the columns, or by themselves (pandas 2)."""
+    found: dict[str, object] = {}
+    for text, key in ((metadata.get("PANDAS_ATTRS"), None), (metadata.get("pandas"), "attributes")):
+        try:
+            said = json.loads(text or b"{}")
+            said = said.get(key) if key else said
+        except (ValueError, AttributeError, RecursionError):
+            continue
+        found |= said if isinstance(said, dict) else {}
+    return found
 
 
 def _by_time(

@@ -12,6 +12,7 @@ STYLES = {  # of LAMMPS: length, time, mass, velocity
     "micro": ("um", "us", "pg", "um/us"),
     "nano": ("nm", "ns", "ag", "nm/ns"),
 }
+SMALLEST = 1e-30  # of a unit in SI
 SI = {"length": "m", "time": "s", "mass": "kg", "velocity": "m/s"}
 ALLOWED = (
     f"allowed: {', '.join(STYLES)}, or the units themselves, as in length=um,time=us,mass=pg (and "
@@ -57,8 +58,10 @@ def parse_units(text: str) -> Units:
         found = {key: to_si(f"1 {unit}", SI[key]) for key, unit in given.items()}
     except ValueError as problem:
         raise ValueError(f"units {text[:60]!r}: {problem}; {ALLOWED}") from None
-    if not all(value > 0.0 for value in found.values()):
-        raise ValueError(f"units {text[:60]!r}: a unit is not positive; {ALLOWED}")
+    if not all(SMALLEST <= value <= 1.0 / SMALLEST for value in found.values()):
+        raise ValueError(
+            f"units {text[:60]!r}: a unit is not between {SMALLEST:g} and its inverse in SI; {ALLOWED}"
+        )
     found.setdefault("velocity", found["length"] / found["time"])
     return Units(**found)
 
