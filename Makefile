@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help compare test lint example surfaces sensitivity clean
+.PHONY: help compare test lint example surfaces sensitivity benchmark clean
 
 help:
 	@echo "make compare   run every comparison and write reports/latest"
@@ -14,6 +14,7 @@ help:
 	@echo "make example   write reports/example anew, and the table and picture of README"
 	@echo "make surfaces  write the STL files of the LIGGGHTS decks anew, from their cases"
 	@echo "make sensitivity  find what the suite would have caught (hours), and write it to README"
+	@echo "make benchmark    measure speed and memory (under half an hour), and write benchmarks/RESULTS.md"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
@@ -39,6 +40,9 @@ surfaces: $(VENV)/installed
 sensitivity: $(VENV)/installed-test
 	$(BIN)/cmpcheck sensitivity --profile full --force
 	$(BIN)/python tools/sensitivity.py
+
+benchmark: $(VENV)/installed
+	$(BIN)/python -m benchmarks
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

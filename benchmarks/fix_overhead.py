@@ -1,9 +1,10 @@
 """What the Python fix costs LAMMPS: a step with it over a step of the same particles without any fix of ours.
 
-The layer of `polish_pair` at larger N, equally dense, with contact, drag, pad and removal.  Two instances of LAMMPS
-in one process take turns: the one with the fix makes a block of steps, then the other one goes on from the same
-positions and velocities for as many, with its own contacts of pairs alone.  Each block has its ratio, so that what
-else the machine does falls on both.  `python -m benchmarks.fix_overhead JOB END` is one such process, one of the ranks.
+The layer of `polish_pair` at larger N, equally dense, with contact, drag, pad and removal. Two instances of
+LAMMPS in one process take turns: the one with the fix makes a block of steps, then the other one goes on
+from the same positions and velocities for as many, with its own contacts of pairs alone. Each block has its
+ratio, so that what else the machine does falls on both. `python -m benchmarks.fix_overhead JOB END` is one
+such process, one of the ranks.
 """
 
 from __future__ import annotations
@@ -67,14 +68,12 @@ def layer(count: int) -> Setup:
 
 
 def instance(setup: Setup, form: str, log: Path) -> tuple[Any, Resolution]:
-    """LAMMPS with the particles and pair contacts of the case's deck, no fix of ours yet, and its resolution."""
+    """LAMMPS with the particles and pair contacts of the case's deck, and its resolution."""
     duration, steps = contact_settings(setup.case, "lammps")
     resolution = Resolution(duration / steps, duration, form)
     deck = Deck.read(deck_path(CASE))
-    lmp = open_lammps(
-        ["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck"]
-        + input_flags(variables(setup, resolution, resolution.time_step))
-    )
+    flags = input_flags(variables(setup, resolution, resolution.time_step))
+    lmp = open_lammps(["-log", str(log), "-screen", "none", "-var", "driver", "cmpcheck", *flags])
     lines = [line for line in deck.definitions().splitlines() if not line.startswith("fix cmpcheck_state")]
     execute(lmp, "\n".join(lines), deck.path)
     for line in (f"timestep {resolution.time_step / MICRO!r}", "thermo 0"):
@@ -173,11 +172,13 @@ def measure(quick: bool) -> dict[str, Any]:
 def lines(results: dict[str, Any]) -> list[str]:
     """The section of the page."""
     text = [
-        "LAMMPS with the compiled fix (contact, drag, pad, removal) over LAMMPS with no fix, step by step on the "
-        f"layer of `{CASE}`, both with LAMMPS's own contacts of pairs; medians of blocks that took turns in one "
-        "process, each with its own ratio; processor time on one rank, wall-clock time on two, where the fix is a Python function around the compiled one.",
+        "LAMMPS with the compiled fix (contact, drag, pad, removal) over LAMMPS with no fix, step by step on "
+        f"the layer of `{CASE}`, both with LAMMPS's own contacts of pairs; medians of blocks that took "
+        "turns in "
+        "one process, each with its own ratio; processor time on one rank, wall-clock time on two, where the "
+        "fix is a Python function around the compiled one.",
         "",
-        "| N | ranks | form | pairs followed | with fix (µs/step) | without (µs/step) | ratio | lowest | goal |",
+        "| N | ranks | form | pairs followed | with (µs/step) | without (µs/step) | ratio | lowest | goal |",
         "|---:|---:|---|---|---:|---:|---:|---:|---:|",
     ]
     for one in results["fix_overhead_runs"]:

@@ -1,8 +1,8 @@
 """The callback that LAMMPS calls each step, compiled to a C function (one rank only).
 
-LAMMPS moves its per-atom arrays about when they get longer: the callback asks for them then, through the C library
-whose address it finds in the context.  What it does with them is `particles.py` and `pairs.py`; the same from
-Python, for more ranks: `slurry.py`.
+LAMMPS moves its per-atom arrays about when they get longer: the callback asks for them then, through the C
+library whose address it finds in the context. What it does with them is `particles.py` and `pairs.py`; the
+same from Python, for more ranks: `slurry.py`.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def count_pushed(f):
 def advance_particle(
     c, step, usual, i, tag, x, v, f, radius, mass, contact, force, modulus, heights, rows
 ):  # fmt: skip
-    """Fill `force[i]`, whatever acts on the particle; return an error code.  `usual`: it was evaluated before."""
+    """Fill `force[i]`, whatever acts; return an error code.  `usual`: it was evaluated before."""
     dt, model = c.time_step, c.model
     if not usual and contact[EVALUATED] == step + 1:
         force[i] = contact[FORCE : FORCE + 3]

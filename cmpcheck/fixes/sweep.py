@@ -1,10 +1,11 @@
 """What every particle gets at every step, in short loops that the compiler turns into vector code.
 
-Drag as far as Stokes's law holds, and the question whether anything else can happen to a particle at this step.
-Those for which it can are left to `particles.py`, one by one, which would give the others the same to the bit.
+Drag as far as Stokes's law holds, and the question whether anything else can happen to a particle at this
+step. Those for which it can are left to `particles.py`, one by one, which would give the others the same to
+the bit.
 
-How far each of the rank's atoms may travel is kept here, in the order in which LAMMPS has them (`Local`), and
-found anew when that order changes.  Nothing depends on it but the time it takes.
+How far each of the rank's atoms may travel is kept here, in the order in which LAMMPS has them (`Local`),
+and found anew when that order changes. Nothing depends on it but the time it takes.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def meet(local, tags):
 
 @formula
 def stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, k):
-    """`particles.drag_now` where the drag is k times the slip: three components, then the square of the slip."""
+    """`particles.drag_now` where drag is k times the slip: three components, the square of the slip."""
     ux, uy, uz = fluid_velocity(model, pad_height, z)
     wx, wy, wz, ahead = ux - vx, uy - vy, uz - vz, lag / mass
     ex, ey, ez = k * wx, k * wy, k * wz
