@@ -26,7 +26,7 @@ SAMPLE = 0.01  # of all steps
 
 
 def windows(quick: bool) -> list[dict[str, float]]:
-    """Seconds of a step of the plain stepper at each of the places, its pad height and the share of the second."""
+    """Seconds of a step of the plain stepper at each of the places, and the height of the pad there."""
     case = load_case(FULL)
     setup, faster = build_setup(case), accelerated(quick)
     total = setup.end_time / setup.time_step
@@ -64,7 +64,7 @@ def timed(case: Case) -> tuple[float, int]:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """`polish_full`: wall time of the whole second by the fastest stepper, and all that was measured for it."""
+    """`polish_full`: wall time of the second by the fastest stepper, and what was measured for it."""
     case = load_case(FULL)
     setup, found = build_setup(case), windows(quick)
     steps = round(setup.end_time / setup.time_step)

@@ -68,7 +68,8 @@ def text(
 def circumstances(found: dict[str, Any]) -> list[str]:
     """When, where and how undisturbed a piece was run."""
     versions = ", ".join(
-        f"{name} {found['versions'][name]}" for name in ("python", "numpy", "numba", "lammps", "liggghts", "yade")
+        f"{name} {found['versions'][name]}"
+        for name in ("python", "numpy", "numba", "lammps", "liggghts", "yade")
         if name in found["versions"]
     )  # fmt: skip
     commit = f", commit {found['commit'][:12]}" if found["commit"] else ""

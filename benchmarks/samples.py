@@ -76,8 +76,8 @@ def table_size() -> tuple[int, int, int]:
 def table_hours(seconds: float, cores: int, efficiency: float) -> float:
     """Hours of the whole table: generation after generation, its samples side by side on the cores.
 
-    In a generation ceil(strings x samples/cores) samples come one after another; `efficiency` is that measured
-    on two cores.  More samples than the least, where the mean has not settled, come on top.
+    In a generation ceil(strings x samples/cores) samples come one after another; `efficiency` is that of two
+    cores.  More samples than the least, where the mean has not settled, come on top.
     """
     first, later, samples = table_size()
     optimise = load_case("table_1").optimise
@@ -122,7 +122,9 @@ def lines(results: dict[str, Any]) -> list[str]:
     rates = results["samples_per_minute"]
     text = [
         f"`polish`, A = 100, the {table['stepper']} stepper: "
-        + ", ".join(f"{rate:.1f} samples per minute on {n} core{'s' * (n != '1')}" for n, rate in rates.items())
+        + ", ".join(
+            f"{rate:.1f} samples per minute on {n} core{'s' * (n != '1')}" for n, rate in rates.items()
+        )
         + f"; two cores do {100 * table['efficiency_of_two']:.0f} % of twice the work of one.",
         "",
         f"`table_1` has {first} strings in its first generation and {later} new ones in each later one, "

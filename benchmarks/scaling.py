@@ -1,8 +1,8 @@
 """Cost and memory per particle over the number of particles, at constant density, in the reference.
 
 The layer of `neighbors.py`: drag and contacts of pairs, one listing of neighbors every ten steps. Memory is
-the largest resident set of a process of its own that makes the steps, over that of a process with fewer
-particles: `python -m benchmarks.scaling N` is one.
+the largest resident set of a process of its own that makes the steps, over what it had before:
+`python -m benchmarks.scaling N` is one.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def resident(name: str) -> float:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """`scaling`: seconds of a particle-step and bytes, for each N; memory per particle between the largest."""
+    """`scaling`: seconds of a particle-step and bytes, for each N; memory per particle at the largest."""
     runs = []
     for count in SIZES[:-1] if quick else SIZES:
         done = subprocess.run(

@@ -1,7 +1,7 @@
 """How long the command takes to start, and a comparison the first time and the second.
 
-`cmpcheck --help` is started several times in a row.  `cmpcheck compare` runs with a new folder for compiled code,
-and then once more with the same one: the difference is what compiling costs.
+`cmpcheck --help` is started several times in a row.  `cmpcheck compare` runs with a new folder for compiled
+code, and then once more with the same one: the difference is what compiling costs.
 """
 
 from __future__ import annotations
