@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help compare test lint example surfaces sensitivity reliability clean
+.PHONY: help compare test lint example surfaces sensitivity reliability benchmark clean
 
 help:
 	@echo "make compare   run every comparison and write reports/latest"
@@ -15,6 +15,7 @@ help:
 	@echo "make surfaces  write the STL files of the LIGGGHTS decks anew, from their cases"
 	@echo "make sensitivity  find what the suite would have caught (hours), and write it to README"
 	@echo "make reliability  measure what is survived (more than an hour), and write reports/reliability.md"
+	@echo "make benchmark    measure speed and memory (under half an hour), and write benchmarks/RESULTS.md"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
@@ -43,6 +44,9 @@ sensitivity: $(VENV)/installed-test
 
 reliability: $(VENV)/installed-test
 	$(BIN)/python -m benchmarks.reliability
+
+benchmark: $(VENV)/installed
+	$(BIN)/python -m benchmarks
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -15,13 +15,14 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks import engines_page, record
+from benchmarks import engines_page, record, shear_yade
 from benchmarks.measurement import Cell, Way
 from benchmarks.outcome import Timed, outcome
 from benchmarks.shear import SURFACES, shear_setup, soft_resolution
 from benchmarks.shear_lammps import run_lammps
 from benchmarks.shear_liggghts import run_liggghts, run_observed
 from benchmarks.shear_reference import run_reference, shear
+from benchmarks.shear_yade import run_yade
 from cmpcheck.engines import lammps_library, liggghts_library
 from reference.state import Setup
 
@@ -63,6 +64,8 @@ def all_ways() -> list[Way]:
         label = "LIGGGHTS by itself: plane, drag as a variable"
         run = partial(run_liggghts, ranks=ranks, planes=True)
         ways.append(Way("liggghts_plane", label, run, ranks, ("flat",), liggghts))
+    label = "YADE: contacts of pairs, all else in Python"
+    ways.append(Way("yade", label, run_yade, surfaces=("flat",), missing=shear_yade.missing()))
     return ways
 
 

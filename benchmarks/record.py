@@ -63,7 +63,12 @@ def _ticks() -> tuple[int, int]:
     return sum(ticks), ticks[3] + ticks[4]
 
 
+def load(path: Path = RESULTS) -> dict[str, Any]:
+    """What `results.json` holds; nothing where there is none."""
+    found: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    return found
+
+
 def store(values: dict[str, Any], path: Path = RESULTS) -> None:
     """Replace these keys of `results.json` and keep the others."""
-    known = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    path.write_text(json.dumps(known | values, indent=1, sort_keys=True) + "\n", "utf-8")
+    path.write_text(json.dumps(load(path) | values, indent=1, sort_keys=True) + "\n", "utf-8")

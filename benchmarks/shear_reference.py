@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.outcome import Timed
 from reference.ledger import empty_ledger
 from reference.schemes import Numerics
-from reference.state import Particles, Setup
+from reference.state import Particles, Setup, State
 from reference.timestep import DONE, LEDGER_FULL, P, advance
 
 AT_LEAST = 0.5  # s: a shear with large steps is repeated, from its start, until it has taken that long
@@ -31,6 +31,12 @@ def run_reference(setup: Setup, time_step: float) -> Timed:
 
 def shear(setup: Setup, time_step: float, most: int | None = None) -> tuple[float, int, Particles]:
     """From the start to the end, or `most` steps: seconds, steps and the particles."""
+    seconds, steps, state = step_on(setup, time_step, most)
+    return seconds, steps, state.particles
+
+
+def step_on(setup: Setup, time_step: float, most: int | None = None) -> tuple[float, int, State]:
+    """From the start to the end, or `most` steps: seconds, steps and the whole state, its time from 0."""
     steps = most or int(np.ceil(setup.end_time / time_step - 1e-9))
     end = setup.end_time if most is None else steps * time_step
     part = setup.case.numerics
@@ -47,7 +53,9 @@ def shear(setup: Setup, time_step: float, most: int | None = None) -> tuple[floa
         left = int(steps - scalars[P.steps])
         status = advance(setup.model, numerics, scalars, end, left, particles, heights, rows)
         if status == DONE:
-            return perf_counter() - begin, int(scalars[P.steps]), particles
+            seconds, pad_height = perf_counter() - begin, float(scalars[P.pad_height])
+            state = State(float(scalars[P.time]), *particles, heights, pad_height)
+            return seconds, int(scalars[P.steps]), state
         if status != LEDGER_FULL:
             raise RuntimeError(f"the reference has stopped with status {status}")
         scalars[P.rows] = 0

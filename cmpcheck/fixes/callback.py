@@ -1,8 +1,8 @@
 """The callback that LAMMPS calls each step, compiled to a C function (one rank only).
 
-LAMMPS moves its per-atom arrays about, so the callback asks for them each step, through the C library whose
-address it finds in the context.  What it does with them is `particles.py` and `pairs.py`; the same from
-Python, for more ranks: `slurry.py`.
+LAMMPS moves its per-atom arrays about when they get longer: the callback asks for them then, through the C
+library whose address it finds in the context. What it does with them is `particles.py` and `pairs.py`; the
+same from Python, for more ranks: `slurry.py`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, MICRO, NO_ERROR, OPEN
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
+from cmpcheck.fixes.sweep import Local
 from reference.compiled import kernel
 from reference.ledger import COLUMNS
 
@@ -54,36 +55,37 @@ def call(typingctx: Any, function: Any, first: Any, second: Any) -> tuple[Any, C
 
 
 @kernel
-def per_atom_vector(c, name_at, n):
-    """A per-atom array of LAMMPS with one column, (n,)."""
-    return carray(pointer_to(call(c.extract_atom_at, c.lammps, name_at)), (n,), dtype=types.float64)
+def find_arrays(c, step):
+    """Ask for the addresses of LAMMPS's per-atom arrays, where they may have moved.
 
-
-@kernel
-def per_atom_array(c, name_at, n, columns):
-    """A per-atom array of LAMMPS with several columns, (n, columns), from the pointer to its first row."""
-    rows = carray(pointer_to(call(c.extract_atom_at, c.lammps, name_at)), (1,), dtype=types.int64)
-    return carray(pointer_to(rows[0]), (n, columns), dtype=types.float64)
-
-
-@kernel
-def state_array(c, step, n):
-    """The per-atom state of the fix, (n, STATE_COLUMNS).
-
-    Its look-up by name costs as much as a particle; it moves only when LAMMPS makes its arrays longer.
+    They move only when LAMMPS makes them longer; all look-ups by name cost as much as some ten particles.
     """
     allocated = carray(pointer_to(c.allocated_at), (1,), dtype=types.int32)[0]
-    if allocated != c.allocated or step == c.last_step:
-        c.allocated = allocated
-        found = pointer_to(call(c.extract_atom_at, c.lammps, c.name_state_at))
-        c.state_at = carray(found, (1,), dtype=types.int64)[0]
-    return carray(pointer_to(c.state_at), (n, STATE_COLUMNS), dtype=types.float64)
+    if allocated == c.allocated and step != c.last_step:
+        return
+    c.allocated = allocated
+    c.radius_at = call(c.extract_atom_at, c.lammps, c.name_radius_at)
+    c.rmass_at = call(c.extract_atom_at, c.lammps, c.name_rmass_at)
+    c.x_at, c.v_at = first_row(c, c.name_x_at), first_row(c, c.name_v_at)
+    c.f_at, c.state_at = first_row(c, c.name_f_at), first_row(c, c.name_state_at)
+
+
+@kernel
+def first_row(c, name_at):
+    """Address of the first row of a per-atom array with several columns."""
+    return carray(pointer_to(call(c.extract_atom_at, c.lammps, name_at)), (1,), dtype=types.int64)[0]
 
 
 @kernel
 def floats(address, rows, columns):
-    """An array of this fix, (rows, columns)."""
+    """The array at an address, (rows, columns)."""
     return carray(pointer_to(address), (rows, columns), dtype=types.float64)
+
+
+@kernel
+def numbers(address, count):
+    """The array at an address, (count,)."""
+    return carray(pointer_to(address), (count,), dtype=types.float64)
 
 
 @kernel
@@ -93,15 +95,18 @@ def take_step(c, step, n, tags, x, force):
     if c.error != NO_ERROR:
         force[:] = 0.0
         return
-    v, f = per_atom_array(c, c.name_v_at, n, 3), per_atom_array(c, c.name_f_at, n, 3)
-    radius, mass = per_atom_vector(c, c.name_radius_at, n), per_atom_vector(c, c.name_rmass_at, n)
-    state = state_array(c, step, n)
+    find_arrays(c, step)
+    v, f, state = floats(c.v_at, n, 3), floats(c.f_at, n, 3), floats(c.state_at, n, STATE_COLUMNS)
+    radius, mass = numbers(c.radius_at, n), numbers(c.rmass_at, n)
     modulus = carray(pointer_to(c.modulus_at), (c.particles,), dtype=types.float64)
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
+    local = Local(
+        carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles)
+    )  # fmt: skip
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows
     lower_pad(c, step)
-    advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulus, heights, rows)
+    advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulus, heights, rows, local)
     remove_in_order(c, heights, rows, first, c.rows)
 
 
@@ -110,9 +115,12 @@ def observe_step(c, step):
     """Follow the contacts between particles, and store a sample of the trajectory when it is due."""
     n = c.local
     tags = carray(pointer_to(call(c.extract_atom_at, c.lammps, c.name_id_at)), (n,), dtype=types.int32)
-    x, v = per_atom_array(c, c.name_x_at, n, 3), per_atom_array(c, c.name_v_at, n, 3)
-    f, state = per_atom_array(c, c.name_f_at, n, 3), state_array(c, step, n)
-    radius, mass = per_atom_vector(c, c.name_radius_at, n), per_atom_vector(c, c.name_rmass_at, n)
+    x, v, f = floats(c.x_at, n, 3), floats(c.v_at, n, 3), floats(c.f_at, n, 3)
+    radius, mass, state = (
+        numbers(c.radius_at, n),
+        numbers(c.rmass_at, n),
+        floats(c.state_at, n, STATE_COLUMNS),
+    )
     by_tag = floats(c.by_tag_at, c.particles, BY_TAG_COLUMNS)
     collect_by_tag(c, tags, x, v, f, radius, mass, state, by_tag)
     if c.observe_pairs:

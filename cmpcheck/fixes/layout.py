@@ -16,6 +16,7 @@ from reference.state import Model
 MICRO = 1e-6  # m per um, s per us
 PICOGRAM = 1e-15  # kg
 NANO = 1e-9  # N per pg um/us2
+PER_NEWTON = 1e9
 
 FORMS = ("soft", "impulse", "observe")
 SOFT, IMPULSE, OBSERVE = 0, 1, 2
@@ -98,7 +99,12 @@ CONTEXT = np.dtype(
         ("lammps", "i8"),
         ("dt_at", "i8"),
         ("allocated_at", "i8"),  # where LAMMPS keeps the length of its per-atom arrays
-        ("allocated", "i8"),  # their length when `state_at` was looked up
+        ("allocated", "i8"),  # their length when the next six were looked up
+        ("x_at", "i8"),  # first rows of LAMMPS's arrays
+        ("v_at", "i8"),
+        ("f_at", "i8"),
+        ("radius_at", "i8"),
+        ("rmass_at", "i8"),
         ("state_at", "i8"),  # first row of d2_cmpcheck
         ("extract_atom_at", "i8"),
         ("force_timeout_at", "i8"),
@@ -109,6 +115,8 @@ CONTEXT = np.dtype(
         ("name_radius_at", "i8"),
         ("name_rmass_at", "i8"),
         ("name_state_at", "i8"),
+        ("tag_at", "i8"),  # those of sweep.Local
+        ("travel_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),
         ("rows_at", "i8"),

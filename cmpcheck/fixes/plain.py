@@ -21,6 +21,7 @@ from cmpcheck.fixes.layout import (
     NOT_FINITE,
     OBSERVE,
     PAD,
+    PER_NEWTON,
     PHASE,
     PICOGRAM,
     START,
@@ -225,9 +226,12 @@ def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: 
 def advance_particles(
     c: Any, step: int, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray, radius: np.ndarray,
     mass: np.ndarray, state: np.ndarray, force: np.ndarray, modulus: np.ndarray, heights: np.ndarray,
-    rows: np.ndarray,
+    rows: np.ndarray, _local: Any,
 ) -> None:  # fmt: skip
-    """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`."""
+    """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`.
+
+    What only saves time, `_local`, has no use here.
+    """
     c.lag = 0.0
     for i, tag in enumerate(tags):
         if state[i, EVALUATED] == step + 1:
@@ -246,4 +250,4 @@ def advance_particles(
             force[:] = 0.0
             return
         mass[i] += gained / PICOGRAM
-        force[i] = state[i, FORCE : FORCE + 3] = newtons / NANO
+        force[i] = state[i, FORCE : FORCE + 3] = newtons * PER_NEWTON

@@ -58,7 +58,7 @@ class PythonCallback:
                 lower_pad(c, step)
                 self.advance(
                     c, step, tags, x, v, f, radius, mass, state, force,
-                    memory.modulus, memory.heights, memory.rows,
+                    memory.modulus, memory.heights, memory.rows, memory.local,
                 )  # fmt: skip
             except Exception as failure:
                 self.failure = failure

@@ -12,17 +12,15 @@ PAD = ("pad_strike",)
 MUTANTS = (
     Mutant(
         "fix: radius in the drag", "the fix takes the drag of a sphere half as wide",
-        f"{FIXES}/particles.py:advance_particles",
-        "pz, vx, vy, vz, m, 2.0 * radius_i)\n", "pz, vx, vy, vz, m, radius_i)\n",
+        f"{FIXES}/sweep.py:sweep",
+        "diameter = 2.0 * (radius[i] * MICRO)", "diameter = radius[i] * MICRO",
         side="lammps", cases=("bounce_train", "pair_drag"),
     ),
     Mutant(
         "fix: drag", "the fix's drag is off by a factor",
-        f"{FIXES}/particles.py:drag_now",
-        "return drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)",
-        "ex, ey, ez = drag_on(\n"
-        "        model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter\n    )\n"
-        "    return (1.0 + SIZE) * ex, (1.0 + SIZE) * ey, (1.0 + SIZE) * ez",
+        f"{FIXES}/sweep.py:stokes_factor",
+        "return drag_factor(0.0, 1.0, model.fluid_density, model.viscosity)",
+        "return (1.0 + SIZE) * drag_factor(0.0, 1.0, model.fluid_density, model.viscosity)",
         0.01, "%", side="lammps", cases=("bounce_train",),
     ),
     Mutant(
@@ -47,7 +45,7 @@ MUTANTS = (
     ),
     Mutant(
         "fix: mass not picked up", "the atom stays as heavy as it was",
-        f"{FIXES}/particles.py:advance_particles",
+        f"{FIXES}/particles.py:advance_particle",
         "mass[i] += gained / PICOGRAM", "mass[i] += 0.0 * gained / PICOGRAM",
         side="lammps", cases=WALL,
     ),

@@ -127,7 +127,8 @@ MUTANTS = (
     Mutant(
         "explicit drag", "the drag of a step is that of its start, not implicit",
         f"{SCHEMES}:solve_particle",
-        "        inertia = (mass + gained) + dt * k\n", "        inertia = (mass + gained) + dt * k * (1.0 - SIZE)\n",
+        "        inertia = (mass + gained) + dt * k\n",
+        "        inertia = (mass + gained) + dt * k * (1.0 - SIZE)\n",
         1.0, "% of the implicit part",
     ),
 )  # fmt: skip

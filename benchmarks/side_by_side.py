@@ -1,0 +1,73 @@
+"""All engines on one shear in one run, at N = 73, 5000 and 50 000: `engines.py` in a few minutes.
+
+At N = 50 000 the surface is flat for everyone and LIGGGHTS has a plane: as a mesh of 2.2 million triangles,
+of which it visits every one at every step, a step would take a quarter of a minute. The page of the smaller
+sizes is `engines.md`.
+"""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any
+
+from benchmarks import engines, engines_page
+from benchmarks.engines_findings import findings
+from benchmarks.measurement import digits
+
+SIZES, LARGE = (73, 5_000), 50_000
+REPEATS, LARGE_STEPS = 3, 200
+WITH_MESH = ("liggghts", "liggghts_observed")
+
+
+def measure(quick: bool) -> dict[str, Any]:
+    """`particle_steps_per_s` {engine: {N: value}}, over the flat surface and on one rank, and every run.
+
+    Raises RuntimeError where a run fails or does not end as the reference's.
+    """
+    steps, sizes = (100, (73,)) if quick else (None, SIZES)
+    cells = engines.measure(sizes, 1 if quick else REPEATS, surfaces=("flat",), steps=steps)
+    large = [way for way in engines.all_ways() if way.key not in WITH_MESH]
+    if not quick:
+        cells += engines.measure((LARGE,), 1, large, ("flat",), LARGE_STEPS)
+    problems = [str(cell) for cell in cells if cell.problem]
+    if problems:
+        raise RuntimeError("; ".join(problems))
+    return {
+        "particle_steps_per_s": engines_page.speeds(cells),
+        "side_by_side": {
+            "labels": {cell.way.key: cell.way.label for cell in cells},
+            "missing": {cell.way.label: cell.way.missing for cell in cells if cell.way.missing},
+            "runs": engines_page.rows(cells), "findings": findings(cells),
+        },
+    }  # fmt: skip
+
+
+def lines(results: dict[str, Any]) -> list[str]:
+    """The section of the page."""
+    speeds, found = results["particle_steps_per_s"], results["side_by_side"]
+    sizes = sorted({int(n) for one in speeds.values() for n in one})
+    best = {n: max(one.get(str(n), 0.0) for one in speeds.values()) for n in sizes}
+    text = [
+        "Million particle-steps per second on one core, flat surface, `decks/shear.toml`, medians. In "
+        "brackets the "
+        "speed over that of the fastest. All ends were held against the reference's.",
+        "",
+        "| engine |" + "".join(f" N = {n} |" for n in sizes),
+        "|---|" + "---:|" * len(sizes),
+    ]
+    for key, one in sorted(speeds.items(), key=lambda item: -item[1].get(str(sizes[0]), 0.0)):
+        cells = "".join(
+            f" {digits(one[str(n)] / 1e6, 3)} ({one[str(n)] / best[n]:.2g}) |" if str(n) in one else " |"
+            for n in sizes
+        )
+        text.append(f"| {found['labels'].get(key, key)} |{cells}")
+    two = [one for one in found["runs"] if one["ranks"] == 2 and one["particle_steps_per_s"]]
+    if two:
+        speeds_of_two = [
+            f"{found['labels'][one['engine']]}, N = {one['N']}: "
+            f"{digits(median(one['particle_steps_per_s']) / 1e6, 3)}"
+            for one in two
+        ]
+        text += ["", f"On two ranks: {'; '.join(speeds_of_two)}."]
+    text += [f"\n{label} was not run: {reason}" for label, reason in found["missing"].items()]
+    return [*text, "", *(f"- {line}" for line in found["findings"])]

@@ -1,0 +1,83 @@
+"""The fix's one loop over all particles against what each of them gets by itself."""
+
+import numpy as np
+import pytest
+
+from cmpcheck.fixes.layout import CLEARANCE, EVALUATED, MICRO, NO_ERROR, PICOGRAM, STATE_COLUMNS
+from cmpcheck.fixes.memory import Memory
+from cmpcheck.fixes.particles import advance_particles
+from reference.case import load_case
+from reference.process import build_setup
+
+STEP, TIME_STEP = 7, 6e-11
+FAST = 1.5  # m/s: some slips are above Re = 1, where they are about 1.1 m/s
+
+
+def layer(calm=True):
+    """`polish` as it starts: setup, and the arrays of LAMMPS for it, in its units, at a later step.
+
+    Its particles move with the fluid, or else some faster than Stokes's law goes.
+    """
+    setup = build_setup(load_case("polish"))
+    state, n = setup.state, len(setup.state.mass)
+    velocity = state.velocity.copy()
+    if not calm:
+        velocity += FAST * np.random.default_rng(0).uniform(-1.0, 1.0, (n, 3))
+    kept = np.zeros((n, STATE_COLUMNS))
+    kept[:, EVALUATED] = STEP  # of the step before, plus one
+    return setup, [
+        np.arange(1, n + 1, dtype=np.int32), state.position / MICRO, velocity, np.zeros((n, 3)),
+        state.diameter / 2 / MICRO, state.mass / PICOGRAM, kept, np.zeros((n, 3)),
+    ]  # fmt: skip
+
+
+def advanced(setup, arrays, form, last_step, travel=0.0, known=None):
+    """Forces after one step, and which particles have been looked at one by one; `known` tags before it."""
+    state = setup.state
+    memory = Memory(
+        setup.model, state.modulus, state.heights, form, 3e-9, 0, 1000, 0, False, state.pad_height, 0.0
+    )
+    c, copies = memory.context, [array.copy() for array in arrays]
+    c.last_step, c.time_step = last_step, TIME_STEP
+    memory.local.tag[:], memory.local.travel[:] = arrays[0] if known is None else known, travel
+    copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
+    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local)
+    assert c.error == NO_ERROR
+    return copies[7], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("form", ["soft", "impulse"])
+def test_all_at_once_and_one_by_one_give_the_same_forces_to_the_bit(form):
+    setup, arrays = layer(calm=False)
+    alone, looked_at = advanced(setup, arrays, form, -1)
+    assert len(looked_at) == len(alone)
+    together, looked_at = advanced(setup, arrays, form, STEP - 1, travel=MICRO)
+    assert 0 < len(looked_at) < len(alone)  # those above Re = 1
+    np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.nojit
+def test_who_has_used_up_its_way_is_looked_at():
+    setup, arrays = layer()
+    assert advanced(setup, arrays, "soft", STEP - 1, travel=MICRO)[1] == []
+    assert len(advanced(setup, arrays, "soft", STEP - 1, travel=0.0)[1]) == len(arrays[0])
+
+
+@pytest.mark.nojit
+def test_an_atom_in_another_place_is_looked_at():
+    setup, arrays = layer()
+    before = arrays[0].copy()
+    for array in arrays:
+        array[[3, 5]] = array[[5, 3]]
+    assert advanced(setup, arrays, "soft", STEP - 1, travel=MICRO, known=before)[1] == [3, 5]
+
+
+@pytest.mark.nojit
+def test_a_particle_above_the_pad_is_struck_by_it():
+    setup, arrays = layer()
+    arrays[1][0, 2] = setup.state.pad_height / MICRO  # its upper half is in the pad
+    arrays[2][0, 2] = 0.5
+    force, looked_at = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO)
+    assert looked_at == [0]
+    assert force[0, 2] < 0.0
