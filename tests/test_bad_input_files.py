@@ -40,7 +40,8 @@ from reference.simulation import simulate
 from reference.units import to_si
 
 DRAWN = {
-    "case": 60, "table": 60, "parquet": 40, "dump": 60, "series": 40, "text": 150, "deck": 100, "folder": 40,
+    "case": 60, "table": 60, "parquet": 40, "dump": 60, "series": 40, "text": 150, "deck": 100,
+    "folder": 40, "store": 60,
 }  # fmt: skip
 
 
