@@ -225,10 +225,13 @@ def _connected(folder: Path, keep: bool = False) -> Iterator[sqlite3.Connection]
     except sqlite3.OperationalError as problem:
         sql.close()
         busy = "another run is writing there; wait for it, or choose another folder"
-        raise OutputError(f"{folder}: {busy if 'locked' in str(problem) else problem}") from None
+        raise OutputError(f"{folder}: {busy if 'locked' in str(problem) else one_line(problem)}") from None
     except sqlite3.DatabaseError as problem:
         sql.close()
-        raise OutputError(f"{folder / FILE}: cannot be read: {problem}") from None
+        raise OutputError(f"{folder / FILE}: cannot be read: {one_line(problem)}") from None
+    except UnicodeDecodeError as problem:  # of SQLite's own message about a damaged file
+        sql.close()
+        raise OutputError(f"{folder / FILE}: cannot be read: {one_line(problem)}") from None
     except BaseException:
         sql.close()
         raise
