@@ -20,7 +20,7 @@ from benchmarks.reliability_finding import Finding
 
 COUNTS = {
     "case": 10_000, "table": 25_000, "parquet": 6_000, "dump": 30_000, "series": 12_000, "text": 20_000,
-    "deck": 15_000, "folder": 4_000,
+    "deck": 15_000, "folder": 4_000, "store": 3_000,
 }  # fmt: skip
 QUICK = 40  # times fewer
 WHAT = {
@@ -32,6 +32,7 @@ WHAT = {
     "text": "quantities with units",
     "deck": "decks and the flags and variables given to them",
     "folder": "run folders and checkpoints that are gone on from or read, also with their digests made right",
+    "store": "files of optimisations that are gone on with",
 }
 
 

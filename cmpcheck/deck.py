@@ -24,7 +24,7 @@ from reference.case import Case, CaseError, load_case
 from reference.heightfield import flatness
 from reference.process import build_setup
 from reference.state import Setup
-from reference.toml_source import nearest
+from reference.toml_source import nearest, one_line
 
 DRIVER = "cmpcheck_deck"
 SUCCESSFUL_QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+0)?([ \t]*(?:#.*)?$|")')
@@ -83,7 +83,8 @@ def _require_known_variables(deck: Deck, flags: list[str]) -> None:
     declared = set(re.findall(r"(?m)^[ \t]*variable[ \t]+(\w+)", deck.text))
     for flag, name in pairwise(flags):
         if flag in ("-var", "-v") and name not in declared:
-            raise CaseError(f"{deck.path}: -var {name}: unknown variable; {nearest(name, sorted(declared))}")
+            known = nearest(name, sorted(declared))
+            raise CaseError(f"{deck.path}: -var {one_line(name)}: unknown variable; {known}")
 
 
 def _run(lmp: Any, deck: Deck) -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -27,7 +26,6 @@ from reference.state import Setup
 from reference.toml_source import one_line
 
 FOLDER, INDEX = "checkpoint", "checkpoint.json"
-PART = re.compile(r"part-\d{5,}\.h5")
 DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, MemoryError)
 Arrays = dict[str, np.ndarray]
 
@@ -70,7 +68,7 @@ class Checkpoint:
         return tuple(self.folder / name for name in self.parts)
 
     def _write_part(self, groups: dict[str, Arrays]) -> None:
-        name = f"part-{len(self.parts):05}.h5"
+        name = part_name(len(self.parts))
 
         def write(path: Path) -> None:
             with h5py.File(path, "w") as file:
@@ -93,9 +91,9 @@ class Checkpoint:
             index = json.loads((self.folder / INDEX).read_text("utf-8"))
             self._require_same_owner(index["owner"])
             parts = dict(index["parts"])
-            for name, digest in parts.items():
-                if not PART.fullmatch(name):
-                    raise ValueError(f"{name[:60]!r} is no part of a checkpoint")
+            for k, (name, digest) in enumerate(parts.items()):
+                if name != part_name(k):
+                    raise ValueError(f"{name[:60]!r} where {part_name(k)} should be")
                 if _digest_of_file(self.folder / name) != digest:
                     raise ValueError(f"{name} is not as it was written")
             state = _read(self.folder / list(parts)[-1], "state") if parts else {}
@@ -165,6 +163,11 @@ def finished_run(folder: Path, case: Case) -> Run | None:
         )
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of a session killed when it had just ended
     return run
+
+
+def part_name(k: int) -> str:
+    """The file name of part k; a checkpoint has all of them, from 0 on."""
+    return f"part-{k:05}.h5"
 
 
 def read_rows(parts: Iterable[Path], keys: Iterable[str]) -> Iterator[Arrays]:

@@ -40,7 +40,8 @@ from reference.simulation import simulate
 from reference.units import to_si
 
 DRAWN = {
-    "case": 60, "table": 60, "parquet": 40, "dump": 60, "series": 40, "text": 150, "deck": 100, "folder": 40,
+    "case": 60, "table": 60, "parquet": 40, "dump": 60, "series": 40, "text": 150, "deck": 100,
+    "folder": 40, "store": 60,
 }  # fmt: skip
 
 
@@ -284,6 +285,15 @@ def test_a_number_beyond_any_unit_is_refused(tmp_path, number):
     assert "allowed: finite numbers" in judged(spoilt_table(tmp_path, "3.75e-06", number))
 
 
+def test_single_precision_is_compared_without_a_warning(recwarn):
+    assert frames.unusable(np.array([1.0, np.inf, 3e38], np.float32)).tolist() == [False, True, False]
+    assert not recwarn.list
+
+
+def test_a_variable_of_a_deck_with_a_tab_in_it_is_one_line():
+    assert targets.tried("deck", b"-in\nx\n-var\nname\twith\n1" + seeds.CUT + b"units micro\n") == "refused"
+
+
 def test_a_time_far_beyond_the_end_is_refused_at_once(tmp_path):
     lines = seeds.tables()[0].decode().splitlines()
     late = [re.sub("^5e-08,", "1e10,", line) for line in lines]
@@ -354,9 +364,20 @@ def test_a_part_outside_the_folder_is_not_read(tmp_path):
         said = json.loads(index.read_text("utf-8"))
         said["parts"] = {name: "0"}
         index.write_text(json.dumps(said), "utf-8")
-        assert "no part of a checkpoint" in refusal(
-            lambda mine=mine: simulate(targets._bounce(), mine, resume=True)
-        )
+        assert "should be" in refusal(lambda mine=mine: simulate(targets._bounce(), mine, resume=True))
+
+
+def test_a_part_that_the_index_has_lost_is_missed(tmp_path):
+    """Each of the others is as it was written, and the last one holds the state."""
+    shutil.copytree(targets._folders()[0], tmp_path / "run")
+    index = tmp_path / "run" / "checkpoint" / "checkpoint.json"
+    said = json.loads(index.read_text("utf-8"))
+    assert len(said["parts"]) > 2
+    del said["parts"]["part-00001.h5"]
+    index.write_text(json.dumps(said), "utf-8")
+    assert "where part-00001.h5 should be" in refusal(
+        lambda: simulate(targets._bounce(), tmp_path / "run", resume=True)
+    )
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ READERS = [  # whose functions are instrumented; compiled kernels cannot be
     "cmpcheck.trajectories.digits", "cmpcheck.trajectories.dumps", "cmpcheck.trajectories.frames",
     "cmpcheck.trajectories.judged", "cmpcheck.trajectories.meshes", "cmpcheck.trajectories.starts",
     "cmpcheck.trajectories.tables", "cmpcheck.trajectories.units", "cmpcheck.trajectories.velocities",
-    "cmpcheck.deck", "cmpcheck.engines.lammps_setup", "cmpcheck.summary",
+    "cmpcheck.deck", "cmpcheck.engines.lammps_setup", "cmpcheck.summary", "cmpcheck.optimise.store",
 ]  # fmt: skip
 
 

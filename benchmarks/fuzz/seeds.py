@@ -12,11 +12,14 @@ import pandas as pd
 
 from cmpcheck.engines.lammps_setup import deck_folder
 from cmpcheck.export import export_run
+from cmpcheck.optimise.problem import Sample
+from cmpcheck.optimise.store import FILE, Evaluated, Store
 from reference.case import CASES, Case, load_case
 from reference.recording import Run
 from reference.simulation import simulate
 
 OUTPUTS = 6  # of a trajectory
+OPTIMISED = "table_1"  # the case of an optimisation
 CUT = b"\x00FILE\x00"  # between the files of one input
 
 TEXTS = (
@@ -123,6 +126,21 @@ def folders() -> list[bytes]:
     return [bytes([k, how]) + bytes(range(10, 42)) for k in range(9) for how in range(3)]
 
 
+def stores() -> list[bytes]:
+    """Two strings with their samples and a state."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Store.create(Path(folder) / "out", load_case(OPTIMISED), force=False)
+        for n, string in enumerate([(1.0, 73, 9e-7, 0.1), (2.0, 50, 6e-7, 0.16)]):
+            number = made.number_of(string)
+            samples = [(number, k, Sample(0.5, 0.5, 1e-9, 1e-15, 2.0, "")) for k in range(15)]
+            made.add_samples(samples)
+            made.add_result(number, Evaluated(string, 0.5, 0.01, 15, True))
+            made.add_asked("genetic", n, 0, ["random"], [number])
+        made.save_state(1, {"population": [[1.0, 73]], "costs": [0.5]})
+        made.close()
+        return [(Path(folder) / "out" / FILE).read_bytes()]
+
+
 SEEDS = {
     "case": cases,
     "table": tables,
@@ -132,4 +150,5 @@ SEEDS = {
     "text": lambda: list(TEXTS),
     "deck": decks,
     "folder": folders,
+    "store": stores,
 }

@@ -28,6 +28,7 @@ from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck
 from cmpcheck.export import export_run
 from cmpcheck.judges import judge_of
+from cmpcheck.optimise.store import Store
 from cmpcheck.outputs import OutputError
 from cmpcheck.summary import summary
 from cmpcheck.trajectories import Options
@@ -249,6 +250,21 @@ def folder(data: bytes, place: Path) -> None:
         raise Finding(f"goes on from a spoilt {victim.name} to other numbers")
 
 
+def store(data: bytes, place: Path) -> None:
+    """The samples of an optimisation, which are gone on with: all that is there is read."""
+    (place / "optimise.sqlite").write_bytes(data)
+    case = load_case(seeds.OPTIMISED)
+    case.save(place / "case.toml")
+    resumed = Store.resume(place, case)
+    try:
+        resumed.last_state()
+        resumed.number_of((1.0, 2.0))
+        for found in resumed.asked("genetic"):
+            resumed.samples(resumed.number_of(found.found.string))
+    finally:
+        resumed.close()
+
+
 def _sign(mine: Path) -> None:
     """Make the digests of a checkpoint right, as who spoils it on purpose would."""
     index = mine / "checkpoint" / "checkpoint.json"
@@ -268,4 +284,5 @@ TARGETS: dict[str, Callable[[bytes, Path], None]] = {
     "text": text,
     "deck": deck,
     "folder": folder,
+    "store": store,
 }

@@ -19,6 +19,7 @@ from cmpcheck.optimise.problem import Sample, String
 from cmpcheck.outputs import OutputError, writable
 from cmpcheck.provenance import digest
 from reference.case import Case, CaseError, load_case
+from reference.toml_source import one_line
 
 FILE, CASE_FILE, SCHEMA = "optimise.sqlite", "case.toml", "cmpcheck-optimise/1"
 OWN_FILES = (
@@ -108,16 +109,36 @@ class Store:
         if not begun:
             return cls.create(folder, case, force=True)
         with _connected(folder, keep=True) as sql:
+            store = cls(folder, sql)
+            store._require_whole()
             meta = dict(sql.execute("SELECT key, value FROM meta"))
             if meta.get("schema") != SCHEMA:
                 raise OutputError(f"{folder / FILE}: not an optimisation of this version; allowed: {SCHEMA}")
-            if meta["case"] != case.name:
-                held = f"holds the case {meta['case']!r}, not {case.name!r}"
+            if meta.get("case") != case.name:
+                held = f"holds the case {meta.get('case')!r}, not {case.name!r}"
                 raise OutputError(f"{folder}: {held}; allowed with --resume: the folder of the same case")
-            if meta["digest"] != digest(case):
+            if meta.get("digest") != digest(case):
                 how = "restore it, or choose another folder"
                 raise OutputError(f"{folder}: the case has changed since: {_change(folder, case)}; {how}")
-        return cls(folder, sql)
+        return store
+
+    def _require_whole(self) -> None:
+        """Refuse a file that SQLite finds damaged, or whose rows are not what was written."""
+        try:
+            found = [said for (said,) in self._sql.execute("PRAGMA integrity_check(1)")]
+            if found != ["ok"]:
+                raise ValueError(found[0])
+            for (run,) in self._sql.execute("SELECT DISTINCT run FROM asked").fetchall():
+                self.asked(run)
+            for (number,) in self._sql.execute("SELECT number FROM strings").fetchall():
+                self.samples(number)
+            self.last_state()
+            self.totals()
+        except (sqlite3.Error, ValueError, TypeError, OverflowError, RecursionError) as problem:
+            if "locked" in str(problem):
+                raise
+            again = "allowed: --force to start again, or another folder"
+            raise OutputError(f"{self.folder / FILE}: damaged ({one_line(problem)}); {again}") from None
 
     def close(self) -> None:
         """Let go of the file."""
@@ -224,10 +245,13 @@ def _connected(folder: Path, keep: bool = False) -> Iterator[sqlite3.Connection]
     except sqlite3.OperationalError as problem:
         sql.close()
         busy = "another run is writing there; wait for it, or choose another folder"
-        raise OutputError(f"{folder}: {busy if 'locked' in str(problem) else problem}") from None
+        raise OutputError(f"{folder}: {busy if 'locked' in str(problem) else one_line(problem)}") from None
     except sqlite3.DatabaseError as problem:
         sql.close()
-        raise OutputError(f"{folder / FILE}: cannot be read: {problem}") from None
+        raise OutputError(f"{folder / FILE}: cannot be read: {one_line(problem)}") from None
+    except UnicodeDecodeError as problem:  # of SQLite's own message about a damaged file
+        sql.close()
+        raise OutputError(f"{folder / FILE}: cannot be read: {one_line(problem)}") from None
     except BaseException:
         sql.close()
         raise

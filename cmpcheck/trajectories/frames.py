@@ -80,7 +80,7 @@ def check_numbers(path: Path, count: float) -> None:
 
 def unusable(values: np.ndarray) -> np.ndarray:
     """Which numbers cannot be computed with: what is not finite, or beyond any unit."""
-    return ~(np.abs(values) <= LARGEST)
+    return ~(np.abs(np.asarray(values, dtype=float)) <= LARGEST)
 
 
 def canonical(name: str) -> str:
