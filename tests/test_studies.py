@@ -276,7 +276,7 @@ def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 
     from cmpcheck import pool
 
-    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda jobs, context: ThreadPoolExecutor(jobs))
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda jobs, context, **_: ThreadPoolExecutor(jobs))
 
 
 def without_clock(results: list[StudyResult]) -> list[StudyResult]:

