@@ -29,6 +29,7 @@ from cmpcheck.shell import (
 
 if TYPE_CHECKING:
     from cmpcheck.results import SuiteResult
+    from reference.case import Case
 
 
 class Profile(StrEnum):
@@ -36,6 +37,13 @@ class Profile(StrEnum):
 
     quick = "quick"
     full = "full"
+
+
+class Stepper(StrEnum):
+    """Who makes the steps of the reference."""
+
+    plain = "plain"
+    fast = "fast"
 
 
 def main() -> None:
@@ -126,6 +134,9 @@ def run(
     case: Annotated[str, typer.Argument(help="name or file of a case")],
     engine: Annotated[str, typer.Option(help="the engine that runs it")] = "reference",
     out: Annotated[Path | None, typer.Option(help="run folder; default runs/CASE")] = None,
+    stepper: Annotated[
+        Stepper | None, typer.Option(help="of the reference, instead of the case's: fast skips what it can")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="go on with a run that was interrupted or killed")
     ] = False,
@@ -146,6 +157,8 @@ def run(
 
     loaded = load_case(case)
     require_engines([engine])
+    if stepper is not None and engine != "reference":
+        raise BadInput(f"--stepper: {engine} has none to choose; allowed: with the reference")
     if resume and force:
         raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")
     if resume and engine != "reference":
@@ -153,7 +166,7 @@ def run(
             f"--resume: only the reference can go on with a run; start {engine} again with --force"
         )
     folder = outputs.claim_run_folder(out or RUNS / loaded.name, force, resume)
-    variants = loaded.variants()
+    variants = [_stepped(variant, stepper) for variant in loaded.variants()]
     there = [variant for variant in variants if is_complete(folder / variant.variant)]
     lines: list[str] = []
     try:
@@ -168,10 +181,10 @@ def run(
                     *(f"  {line}" for line in summary(result)),
                 ]
     except KeyboardInterrupt:
-        go_on = _go_on(case, out, engine)
+        go_on = _go_on(case, out, engine, stepper)
         complain(f"interrupted: {folder} keeps what was recorded, marked as not complete{go_on}", INTERRUPTED)
     except OSError as problem:
-        keeps = f"; {folder} keeps what was written before{_go_on(case, out, engine)}"
+        keeps = f"; {folder} keeps what was written before{_go_on(case, out, engine, stepper)}"
         complain(f"{sentence_of(problem)}{keeps}", 1)
     for line in lines:
         typer.echo(line)
@@ -181,9 +194,18 @@ def run(
     typer.echo(f"run: {folder}")
 
 
-def _go_on(case: str, out: Path | None, engine: str) -> str:
+def _stepped(case: Case, stepper: Stepper | None) -> Case:
+    """The case with another stepper, or as it is."""
+    if stepper is None:
+        return case
+    if stepper is Stepper.fast and case.numerics.scheme != "point_implicit":
+        raise BadInput("--stepper: fast takes steps of scheme = 'point_implicit'; allowed: plain")
+    return case.model_copy(update={"numerics": case.numerics.model_copy(update={"stepper": stepper.value})})
+
+
+def _go_on(case: str, out: Path | None, engine: str, stepper: Stepper | None = None) -> str:
     """How to go on with a run, for the end of a line."""
-    where = f" --out {out}" if out else ""
+    where = (f" --out {out}" if out else "") + (f" --stepper {stepper.value}" if stepper else "")
     return f"; to go on: cmpcheck run {case}{where} --resume" if engine == "reference" else ""
 
 
