@@ -48,13 +48,14 @@ def run_piece(name: str, quick: bool, command: str, results: Path) -> str:
         found = PIECES[name].measure(quick)
     except Exception as error:  # of any piece: the others go on
         return f"{type(error).__name__}: {error}"
+    problem = str(found.pop("problem", ""))  # of a part of it: what was measured beside it is kept
     known = record.load(results)
     circumstances = record.conditions(command) | {
         "quick": quick, "busy_cores_before": busy, "load": os.getloadavg()[0],
         "took_s": perf_counter() - begin,
     }  # fmt: skip
     record.store(found | {"measured": known.get("measured", {}) | {name: circumstances}}, results)
-    return ""
+    return problem
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,6 +23,7 @@ from reference.state import Setup
 FULL, ACCELERATED = "polish_full", "polish"
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the second: the middles of five parts of it
 SAMPLE = 0.01  # of all steps
+POINTS = 40  # of a curve
 
 
 def windows(quick: bool) -> list[dict[str, float]]:
@@ -56,11 +57,11 @@ def accelerated(quick: bool) -> Setup:
     return build_setup(case)
 
 
-def timed(case: Case) -> tuple[float, int]:
-    """Wall-clock seconds and steps of a simulation."""
-    begin = perf_counter()
-    run = simulate(case)
-    return perf_counter() - begin, int(run.provenance["steps"])
+def timed(case: Case) -> tuple[list[tuple[float, float]], int]:
+    """How much was done after how many wall-clock seconds of a simulation, [(share, s)], and its steps."""
+    curve, begin = [(0.0, 0.0)], perf_counter()
+    run = simulate(case, progress=lambda share: curve.append((share, perf_counter() - begin)))
+    return [*curve, (1.0, perf_counter() - begin)], int(run.provenance["steps"])
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -93,8 +94,10 @@ def fast(quick: bool, steps: int) -> dict[str, Any]:
     assert case is not None
     short = case.replaced({"case.duration": case.case.duration / 1000})
     timed(short)  # compiles
-    seconds, made = timed(case)
+    curve, made = timed(case)
+    seconds, thinned = curve[-1][1], curve[:: max(1, len(curve) // POINTS)] + curve[-1:]
     return {
+        "curve": [(float(share), taken * steps / made) for share, taken in thinned],
         "wall_s": seconds * steps / made, "how": "extrapolated" if quick else "measured",
         "step_s": seconds / made, "sampled": made / steps,
     }  # fmt: skip

@@ -118,13 +118,19 @@ def over_time(results: dict[str, Any]) -> Figure | None:
     for name, one in found.items():
         windows = one.get("windows")
         if windows:
-            times, walls = [0.0], [0.0]
+            times, walls = [0.0], [0.0]  # s
             for k, window in enumerate(windows):  # each stands for an equal part of the second
                 times.append((k + 1) / len(windows))
                 walls.append(walls[-1] + window["step_s"] * results["polish_full"]["steps"] / len(windows))
         else:
-            times, walls = [0.0, 1.0], [0.0, one["wall_s"]]
-        axes.plot(times, walls, marker="o", label=f"{name} stepper, {one['how']}: {one['wall_s']:.0f} s")
+            times, walls = zip(*one["curve"], strict=True)
+        axes.plot(
+            times,
+            walls,
+            marker="o",
+            markersize=4,
+            label=f"{name} stepper, {one['how']}: {one['wall_s']:.0f} s",
+        )
     axes.set(xlabel="simulated time (s), A = 1, N = 73", ylabel="wall-clock time (s), one core")
     axes.set_xlim(0, 1)
     axes.set_ylim(0)

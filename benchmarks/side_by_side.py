@@ -1,8 +1,8 @@
 """All engines on one shear in one run, at N = 73, 5000 and 50 000: `engines.py` in a few minutes.
 
-At N = 50 000 the surface is flat for everyone and LIGGGHTS has a plane: as a mesh of 2.2 million triangles,
-of which it visits every one at every step, a step would take a quarter of a minute. The page of the smaller
-sizes is `engines.md`.
+The surface is flat.  At N = 50 000 LIGGGHTS has it as a plane only: a mesh would have 2.2 million triangles,
+which it visits at every step (`NOTES.md`), and as cmpcheck drives it, it creates atoms one by one.  With
+asperities: `engines.md`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from benchmarks import engines, engines_page
 from benchmarks.engines_findings import findings
 from benchmarks.measurement import digits
 
-SIZES, LARGE = (73, 5_000), 50_000
+STEPS, LARGE = {73: 50_000, 5_000: 1_500}, 50_000  # of the soft engines in a run
 REPEATS, LARGE_STEPS = 3, 200
 WITH_MESH = ("liggghts", "liggghts_observed")
 
@@ -22,17 +22,17 @@ WITH_MESH = ("liggghts", "liggghts_observed")
 def measure(quick: bool) -> dict[str, Any]:
     """`particle_steps_per_s` {engine: {N: value}}, over the flat surface and on one rank, and every run.
 
-    Raises RuntimeError where a run fails or does not end as the reference's.
+    `problem` says which runs have failed, or have not ended as the reference's: they have no speed.
     """
-    steps, sizes = (100, (73,)) if quick else (None, SIZES)
-    cells = engines.measure(sizes, 1 if quick else REPEATS, surfaces=("flat",), steps=steps)
+    cells = []
+    for count, steps in {73: 100}.items() if quick else STEPS.items():
+        cells += engines.measure((count,), 1 if quick else REPEATS, surfaces=("flat",), steps=steps)
     large = [way for way in engines.all_ways() if way.key not in WITH_MESH]
     if not quick:
         cells += engines.measure((LARGE,), 1, large, ("flat",), LARGE_STEPS)
     problems = [str(cell) for cell in cells if cell.problem]
-    if problems:
-        raise RuntimeError("; ".join(problems))
     return {
+        "problem": "; ".join(problems),
         "particle_steps_per_s": engines_page.speeds(cells),
         "side_by_side": {
             "labels": {cell.way.key: cell.way.label for cell in cells},
@@ -49,8 +49,9 @@ def lines(results: dict[str, Any]) -> list[str]:
     best = {n: max(one.get(str(n), 0.0) for one in speeds.values()) for n in sizes}
     text = [
         "Million particle-steps per second on one core, flat surface, `decks/shear.toml`, medians. In "
-        "brackets the "
-        "speed over that of the fastest. All ends were held against the reference's.",
+        "brackets the speed over that of the fastest. All ends were held against the reference's. "
+        "At N = 50 000 LIGGGHTS has no mesh (2.2 million triangles) and is not driven by cmpcheck, which "
+        "creates atoms one by one.",
         "",
         "| engine |" + "".join(f" N = {n} |" for n in sizes),
         "|---|" + "---:|" * len(sizes),
