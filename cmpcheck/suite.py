@@ -214,7 +214,7 @@ def run_suite(
         None if progress is None else lambda name: progress(name, 1, 1),
     )
     if components:
-        results.append(component_result())
+        results.append(component_result(("reference", *others)))
         if progress is not None:
             progress(COMPONENTS, 1, 1)
     versions = {info.name: info.version for info in infos if info.available}

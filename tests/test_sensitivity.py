@@ -24,7 +24,7 @@ from cmpcheck.sensitivity import building, document, page, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
 from cmpcheck.sensitivity.children import Died
-from cmpcheck.sensitivity.detect import FINE, evaluate, smallest
+from cmpcheck.sensitivity.detect import FINE, evaluate, first_noticing, smallest
 from cmpcheck.sensitivity.false_alarms import PAIRS, TRIALS, draws_of, judge, summary
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.patching import (
@@ -204,6 +204,30 @@ def test_an_error_that_is_too_small_at_first_is_made_larger_and_one_without_end_
     always = smallest(Scripted(0.0), [WIDER], 0, SEEN, [], [("c", "")])
     assert always["not_noticed"] is None
     assert always["size"] < 1e-12
+
+
+def test_a_check_that_missed_a_size_is_not_asked_about_smaller_ones_and_quick_stops_at_the_first():
+    class Two:
+        """Case c notices errors from 1 on, case d from 0.1 on."""
+
+        asked: list = []  # noqa: RUF012
+
+        def ask(self, request: dict) -> dict:
+            names = [case for case, _ in request["labels"]]
+            self.asked.append((request["size"], names))
+            limits = {"c": 1.0, "d": 0.1}
+            rows = [asdict(replace(SEEN[0], case=n)) for n in names if request["size"] >= limits.get(n, 1e9)]
+            return {"rows": rows, "problem": ""}
+
+    labels = [("b", ""), ("c", ""), ("d", "")]
+    seen = [SEEN[0], replace(SEEN[0], case="d")]
+    found = smallest(Two(), [WIDER], 0, seen, [], labels)
+    assert (found["by"], found["size"]) == (["d: q"], pytest.approx(0.1))
+    assert {tuple(names) for size, names in Two.asked if size < 0.1} == {("d",)}
+    Two.asked.clear()
+    assert [row.check for row in first_noticing(Two(), [WIDER], 0, [], labels)] == ["c: q"]
+    assert [names for _, names in Two.asked] == [["b"], ["c"]]
+    assert [row.check for row in first_noticing(Two(), [WIDER], 0, SEEN, labels)] == ["d: q"]
 
 
 def test_what_was_bad_before_notices_nothing():

@@ -37,8 +37,7 @@ def build(plan: Plan, store: Store) -> dict[str, Any]:
 def _entry(mutant: Mutant, store: Store, profile: str) -> dict[str, Any]:
     found = store.get(SEEDED, mutant.name)
     least = store.get(SMALLEST, mutant.name) if profile == "full" and mutant.continuous else None
-    larger = least["by"] if least and not mutant.explained else []  # its own size was too small
-    by = found["by"] or larger
+    by = found["by"] or (least["by"] if least else [])  # a larger size, where its own was too small
     entry: dict[str, Any] = {
         "name": mutant.name,
         "breaks": mutant.breaks,
