@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from cmpcheck.charts import chart_figure
-from cmpcheck.display import number, printable, words
+from cmpcheck.display import number, printable
 from cmpcheck.results import Chart, Column, Curve
-from cmpcheck.sensitivity.words import PERCENT, limit_text
+from cmpcheck.sensitivity.words import PERCENT, compared_text, limit_text
 from cmpcheck.svg import COLOURS, INK, styled, svg_text
 
 BAR_HEIGHT, WIDTH = 0.19, 7.4  # inches
@@ -67,7 +67,7 @@ def power_figures(document: dict[str, Any], key: str) -> list[tuple[str, str]]:
             tuple(Curve(label, effects, tuple(point[name] for point in points)) for name, label in names),
         )  # fmt: skip
         caption = (
-            f"{words(curve['quantity']).capitalize()}, {curve['pairs']} pairs; margin "
+            f"{compared_text(curve).capitalize()}, {curve['pairs']} pairs; margin "
             f"{number(curve['margin'], 2)}, spread of a difference {number(curve['spread'], 2)}; "
             f"{curve['trials']} trials a point."
         )

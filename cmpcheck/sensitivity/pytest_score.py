@@ -1,11 +1,13 @@
 """Mutation testing of the tests: which of them fail while an error is on.
 
 The tests run in the guarded copy with the error named in the environment (`switch.py`), so that nothing is
-compiled for a single one.  Only errors of the model are asked: those of the reference's files.
+compiled for a single one.  Only errors of the model are asked: those of the reference's files.  The tests
+that import an error's file are asked first, the others only where these pass.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
@@ -24,6 +26,7 @@ from cmpcheck.sensitivity.worker import TREE
 Progress = Callable[[str, int, int], None]
 KIND, BEFORE = "tests", "before"
 PATIENCE = 1800.0  # s for the tests with one error
+NONE_COLLECTED = 5  # what pytest ends with where files hold no test
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?)(?: - .*)?$", re.MULTILINE)
 # The tests of the model, those that fail soonest first; the rest needs a checkout, or runs other programs.
 FILES = (
@@ -56,7 +59,7 @@ def keep(store: Store, mutants: Sequence[Mutant], jobs: int, work: Path, progres
     progress("tests", len(asked) - len(left), len(asked))
     before = store.get(BEFORE, "tests")
     if before is None:
-        before = failing(work, None, 0.0, [], first_only=False)
+        before = failing(work, None, 0.0, [], list(test_files(work / TREE)), first_only=False)
         store.put(BEFORE, "tests", before)
 
     def one(number: int, found: list[str]) -> None:
@@ -64,38 +67,59 @@ def keep(store: Store, mutants: Sequence[Mutant], jobs: int, work: Path, progres
         progress("tests", sum(store.get(KIND, mutants[k].name) is not None for k in asked), len(asked))
 
     def ask(_: Any, number: int) -> list[str]:
-        return failing(work, number, mutants[number].size, before, first_only=True, near=mutants[number].file)
+        mutant, files = mutants[number], test_files(work / TREE)
+        near = [name for name, known in files.items() if mutant.file in known]
+        for part in (near, [name for name in files if name not in near]):
+            found = failing(work, number, mutant.size, before, part)
+            if found:
+                return found
+        return []
 
     run_parallel(left, ask, [None] * jobs, one)  # type: ignore[list-item]
 
 
-def failing(
-    work: Path, number: int | None, size: float, without: Sequence[str], first_only: bool, near: str = ""
-) -> list[str]:
-    """Tests that fail in the guarded copy; those in `without` are left out, as they fail without an error.
+def test_files(tree: Path) -> dict[str, set[str]]:
+    """The tests of the model in a tree, and the files of the model that each imports by name, or is.
 
-    Parameters: number of the error, None for none; near, its file, whose own tests are asked first.
+    A file of the model has its doctests.
     """
-    tree, own = work / TREE, Path(near).stem
-    files = [f"tests/test_{name}.py" for name in sorted(FILES, key=lambda name: name != own)]
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-        "-m",
-        "not slow",
-    ]
-    command += [
-        *(["-x"] if first_only else []),
-        *(f"--deselect={name}" for name in without),
-        *files,
-        "reference",
-    ]
+    files = {f"tests/test_{name}.py": _imported(tree / f"tests/test_{name}.py") for name in FILES}
+    return files | {
+        own: {own} for path in sorted((tree / "reference").glob("*.py")) for own in [f"reference/{path.name}"]
+    }
+
+
+def _imported(path: Path) -> set[str]:
+    """Files of the model that a module imports by name."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    files = {f"{name.replace('.', '/')}.py" for name in names if name.startswith("reference.")}
+    return {file for file in files if (path.parents[1] / file).is_file()}
+
+
+def failing(
+    work: Path,
+    number: int | None,
+    size: float,
+    without: Sequence[str],
+    files: Sequence[str],
+    first_only: bool = True,
+) -> list[str]:
+    """Tests of `files` that fail in the guarded copy, or the first of them.
+
+    Those in `without` are left out, as they fail without an error.
+    Parameters: number of the error, None for none.
+    """
+    if not files:
+        return []
+    tree = work / TREE
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    command += ["-m", "not slow", *(["-x"] if first_only else [])]
+    command += [*(f"--deselect={name}" for name in without), *files]
     environment = os.environ | {
         "NUMBA_CACHE_DIR": str(work / "numba"), "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1",
     } | ({} if number is None else {VARIABLE: f"{number} {size!r}"})  # fmt: skip
@@ -106,6 +130,6 @@ def failing(
     except subprocess.TimeoutExpired:
         return [f"no end within {PATIENCE:g} s"]
     found = sorted(set(FAILED.findall(done.stdout)))
-    if done.returncode not in (0, 1) and not found:
+    if done.returncode not in (0, 1, NONE_COLLECTED) and not found:
         return [f"pytest ended with code {done.returncode}"]
     return found

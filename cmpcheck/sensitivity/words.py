@@ -151,32 +151,54 @@ def nasa_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     ]
 
 
+def compared_text(curve: dict[str, Any]) -> str:
+    """The quantity of a power curve and its time."""
+    return f"{spaced(curve['quantity'])} at {number(curve['time'], 2)} T"
+
+
+def pair_sentence(document: dict[str, Any]) -> str:
+    """The sample sizes that follow from the power, and what they cost."""
+    power = document["power"]
+    if not power or not power["seconds"]:
+        return ""
+    seconds = power["seconds"]
+    each = " and ".join(f"{number(value, 2)} CPU s in {name}" for name, value in seconds.items())
+    widest = max(power["curves"], key=lambda curve: curve["needed"])
+    runs = ", ".join(
+        f"{profile} runs {n} pairs, {number(n * sum(seconds.values()) / 60, 2)} CPU min"
+        for profile, n in power["pairs"].items()
+    )
+    return (
+        f"A pair of samples costs {each}. The widest spread, of {compared_text(widest)}, needs "
+        f"{widest['needed']} pairs to be called equivalent with a probability of 90 % where nothing differs: "
+        f"{runs}."
+    )
+
+
 def pair_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Pairs that each quantity needs, their power as simulated, and what they cost."""
+    """Pairs that each comparison needs, their power as simulated, and what they cost."""
     power = document["power"]
     if not power:
         return [], []
-    seconds = sum(power["seconds"].values())
+    seconds = sum((power["seconds"] or {}).values())
     header = [
         "quantity",
         "spread of a difference",
         "margin",
         "pairs for 90 %",
-        "one core",
+        "they cost",
         "with",
-        "called equivalent",
+        "equal engines called equivalent",
         "a difference of two margins called different",
     ]
     rows = []
-    for row in power["needed"]:
-        for curve in (c for c in power["curves"] if c["quantity"] == row["quantity"]):
-            at = {point["effect"]: point for point in curve["points"]}
-            rows.append([
-                spaced(row["quantity"]), number(row["spread"], 2), number(row["margin"], 2),
-                str(row["needed"]),
-                f"{number(row['needed'] * seconds / 60, 2)} min", f"{curve['pairs']} pairs",
-                percent(at[0.0]["equivalent"]), percent(at[2.0]["different"]),
-            ])  # fmt: skip
+    for curve in power["curves"]:
+        at = {point["effect"]: point for point in curve["points"]}
+        rows.append([
+            compared_text(curve), number(curve["spread"], 2), number(curve["margin"], 2),
+            str(curve["needed"]), f"{number(curve['needed'] * seconds, 2)} CPU s", f"{curve['pairs']} pairs",
+            percent(at[0.0]["equivalent"]), percent(at[2.0]["different"]),
+        ])  # fmt: skip
     return header, rows
 
 
