@@ -27,7 +27,7 @@ from reference.process import build_setup
 
 KIND, COST = "power", "cost"
 EFFECTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)  # true difference over the margin
-TRIALS, RESAMPLES = 200, 999
+TRIALS, RESAMPLES = 400, 999
 OTHERS = QUANTITIES - 1  # beside the one that differs, in its family; they have no difference
 COSTED = 3  # samples whose cost is measured
 
