@@ -20,7 +20,8 @@ from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
 from cmpcheck.outputs import OutputError
-from cmpcheck.sensitivity import building, document, page, words
+from cmpcheck.planning import QUANTITIES, pilot_spreads
+from cmpcheck.sensitivity import building, document, page, power, pytest_score, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
 from cmpcheck.sensitivity.children import Died
@@ -39,6 +40,7 @@ from cmpcheck.sensitivity.patching import (
 from cmpcheck.sensitivity.run import plan_of, run_plan
 from cmpcheck.sensitivity.store import Store, source_digest
 from cmpcheck.sensitivity.switch import switched_on
+from reference.case import load_case
 
 SOURCE = '''
 """A module."""
@@ -335,6 +337,34 @@ def test_equal_samples_are_equivalent_and_shifted_ones_are_called_different():
     shifted = pool | {"removals": more * pool["removals"]}
     verdicts = [v.verdict for v in judge(shifted, ours, theirs, 999)]
     assert verdicts.count("different") == 1
+
+
+def test_power_has_a_curve_for_every_comparison_and_rises_with_the_difference(monkeypatch):
+    """Flatness at five times and three quantities at the end, as `compare` judges them."""
+    assert len(power.compared()) == QUANTITIES == 8
+    monkeypatch.setattr(power, "TRIALS", 40)
+    rng, growth = np.random.default_rng(3), np.linspace(0.0, 1.0, 51)
+    values = 1.0 - growth * (0.5 + 0.1 * rng.normal(size=(400, 1)))
+    early, late = (power._curve((values, "flatness", k, 62)) for k in (1, 5))
+    (case,) = load_case("polish_pair").variants()
+    pilot = pilot_spreads(case, "lammps")[1]["flatness"]
+    assert late["spread"] == pytest.approx(pilot)
+    assert early["spread"] == pytest.approx(pilot / 5)  # the samples part in proportion to time
+    assert early["needed"] < late["needed"] == 62
+    at = {point["effect"]: point for point in late["points"]}
+    assert at[0.0]["equivalent"] > 0.75  # 62 pairs were chosen for 90 %, of 40 trials with an error of 5 %
+    assert at[0.0]["different"] == 0.0
+    assert at[3.0]["different"] == 1.0
+    resolved = [point["resolved"] for point in late["points"]]
+    assert resolved == sorted(resolved)
+
+
+def test_the_tests_that_know_a_file_are_asked_about_its_errors_first():
+    files = pytest_score.test_files(project_root())
+    assert "reference/contact.py" in files["tests/test_contact.py"]
+    assert {"reference/schemes.py", "reference/timestep.py"} <= files["tests/test_timestep.py"]
+    assert files["reference/drag.py"] == {"reference/drag.py"}  # its doctests
+    assert all((project_root() / name).is_file() for name in files)
 
 
 def sample_document(**changes) -> dict:
