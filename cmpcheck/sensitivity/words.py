@@ -64,9 +64,14 @@ def blind_spots(document: dict[str, Any]) -> list[str]:
         if coarse
         else "How large an error may be and pass, the full profile finds: here each has one size only."
     )
+    limit = "The cases judge single impacts in the limit of small steps and short contacts: "
     return [
-        "Single impacts are judged in the limit of small steps and short contacts: what vanishes with them "
-        + (f"is not seen, such as {vanishing}." if vanishing else "is seen by the components alone, or not."),
+        limit
+        + (
+            f"what vanishes with them is not seen, such as {vanishing}."
+            if vanishing
+            else "what vanishes with them only those components can notice that look at single steps."
+        ),
         second,
         "It shows that the equations are solved, not that they are right: an error that the paper, the "
         "closed forms and all engines have in common passes, as does whatever the model leaves out (spin, "
