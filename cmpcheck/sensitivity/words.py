@@ -212,7 +212,12 @@ def test_sentence(document: dict[str, Any]) -> str:
     tests = document["tests"]
     if not tests:
         return ""
+    seeded = sum(
+        m["where"].startswith("reference/") and m["side"] == "reference" for m in document["mutants"]
+    )
     text = f"Of {tests['asked']} errors of the reference, the tests of the model fail for {tests['killed']}"
+    if tests["asked"] < seeded:
+        text += f" ({seeded - tests['asked']} more have not been tried)"
     if tests["survivors"]:
         text += f"; these survive them: {', '.join(tests['survivors'])}"
     return text + "."
