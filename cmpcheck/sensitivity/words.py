@@ -158,7 +158,8 @@ def nasa_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 def compared_text(curve: dict[str, Any]) -> str:
     """The quantity of a power curve and its time."""
-    return f"{spaced(curve['quantity'])} at {number(curve['time'], 2)} T"
+    when = "the end" if curve["time"] == 1.0 else f"{number(curve['time'], 2)} T"
+    return f"{spaced(curve['quantity'])} at {when}"
 
 
 def pair_sentence(document: dict[str, Any]) -> str:
@@ -185,24 +186,28 @@ def pair_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     power = document["power"]
     if not power:
         return [], []
-    seconds = sum((power["seconds"] or {}).values())
+    seconds, numbers = sum((power["seconds"] or {}).values()), list(power["pairs"].values())
     header = [
         "quantity",
         "spread of a difference",
         "margin",
         "pairs for 90 %",
-        "they cost",
-        "with",
-        "equal engines called equivalent",
-        "a difference of two margins called different",
+        "CPU s for them",
+        *(f"equal engines called equivalent with {n} pairs" for n in numbers),
+        *(f"two margins called different with {n} pairs" for n in numbers),
     ]
-    rows = []
+    found: dict[str, list[dict[str, Any]]] = {}
     for curve in power["curves"]:
-        at = {point["effect"]: point for point in curve["points"]}
+        found.setdefault(compared_text(curve), []).append(curve)
+    rows = []
+    for text, curves in found.items():
+        at = {curve["pairs"]: {point["effect"]: point for point in curve["points"]} for curve in curves}
+        first = curves[0]
         rows.append([
-            compared_text(curve), number(curve["spread"], 2), number(curve["margin"], 2),
-            str(curve["needed"]), f"{number(curve['needed'] * seconds, 2)} CPU s", f"{curve['pairs']} pairs",
-            percent(at[0.0]["equivalent"]), percent(at[2.0]["different"]),
+            text, number(first["spread"], 2), number(first["margin"], 2), str(first["needed"]),
+            number(first["needed"] * seconds, 2),
+            *(percent(at[n][0.0]["equivalent"]) if n in at else "" for n in numbers),
+            *(percent(at[n][2.0]["different"]) if n in at else "" for n in numbers),
         ])  # fmt: skip
     return header, rows
 
