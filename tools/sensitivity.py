@@ -72,8 +72,14 @@ def text(document: dict) -> str:
             "disagreement."
         )
     if tests:
+        where = [(entry["where"], entry["side"]) for entry in entries.values()]
+        seeded = sum(file.startswith("reference/") and side == "reference" for file, side in where)
+        rest = seeded - tests["asked"]
         asked = f"{tests['killed']} of the {tests['asked']} errors seeded into it"
-        lines.append(f"The tests of the model fail for {asked}.")
+        lines.append(
+            f"The tests of the model fail for {asked}"
+            + (f"; {rest} more are not tried yet." if rest else ".")
+        )
     if power and power["seconds"]:
         each = " and ".join(f"{value:.2g} CPU s in {name}" for name, value in power["seconds"].items())
         needed = max(curve["needed"] for curve in power["curves"])
