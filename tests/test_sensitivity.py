@@ -359,12 +359,14 @@ def test_power_has_a_curve_for_every_comparison_and_rises_with_the_difference(mo
     assert resolved == sorted(resolved)
 
 
-def test_the_tests_that_know_a_file_are_asked_about_its_errors_first():
-    files = pytest_score.test_files(project_root())
-    assert "reference/contact.py" in files["tests/test_contact.py"]
-    assert {"reference/schemes.py", "reference/timestep.py"} <= files["tests/test_timestep.py"]
-    assert files["reference/drag.py"] == {"reference/drag.py"}  # its doctests
-    assert all((project_root() / name).is_file() for name in files)
+def test_of_the_tests_those_that_reach_a_file_are_asked_the_nearest_first():
+    steps = pytest_score.import_steps(project_root())
+    order = pytest_score.reaching(steps, "reference/schemes.py")
+    assert set(order[1:3]) == {"tests/test_pad.py", "tests/test_timestep.py"}  # its doctests before them
+    assert order.index("tests/test_simulation.py") < order.index("tests/test_components.py")
+    assert "tests/test_genetic.py" not in order  # the search knows nothing of steps
+    assert "tests/test_components.py" in pytest_score.reaching(steps, "reference/packing.py")
+    assert all((project_root() / name).is_file() for name in steps)
 
 
 def sample_document(**changes) -> dict:

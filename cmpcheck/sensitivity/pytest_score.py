@@ -1,8 +1,8 @@
 """Mutation testing of the tests: which of them fail while an error is on.
 
 The tests run in the guarded copy with the error named in the environment (`switch.py`), so that nothing is
-compiled for a single one.  Only errors of the model are asked: those of the reference's files.  The tests
-that import an error's file are asked first, the others only where these pass.
+compiled for a single one.  Only errors of the model are asked: those of the reference's files.  Of the tests
+those that reach an error's file by imports are asked, by the fewest steps first.
 """
 
 from __future__ import annotations
@@ -59,46 +59,66 @@ def keep(store: Store, mutants: Sequence[Mutant], jobs: int, work: Path, progres
     progress("tests", len(asked) - len(left), len(asked))
     before = store.get(BEFORE, "tests")
     if before is None:
-        before = failing(work, None, 0.0, [], list(test_files(work / TREE)), first_only=False)
+        before = failing(work, None, 0.0, [], [*test_files(), "reference"], first_only=False)
         store.put(BEFORE, "tests", before)
 
     def one(number: int, found: list[str]) -> None:
         store.put(KIND, mutants[number].name, found)
         progress("tests", sum(store.get(KIND, mutants[k].name) is not None for k in asked), len(asked))
 
+    steps = import_steps(work / TREE)
+
     def ask(_: Any, number: int) -> list[str]:
-        mutant, files = mutants[number], test_files(work / TREE)
-        near = [name for name, known in files.items() if mutant.file in known]
-        for part in (near, [name for name in files if name not in near]):
-            found = failing(work, number, mutant.size, before, part)
-            if found:
-                return found
-        return []
+        mutant = mutants[number]
+        return failing(work, number, mutant.size, before, reaching(steps, mutant.file))
 
     run_parallel(left, ask, [None] * jobs, one)  # type: ignore[list-item]
 
 
-def test_files(tree: Path) -> dict[str, set[str]]:
-    """The tests of the model in a tree, and the files of the model that each imports by name, or is.
+def test_files() -> list[str]:
+    """The tests of the model in a tree."""
+    return [f"tests/test_{name}.py" for name in FILES]
 
-    A file of the model has its doctests.
+
+def import_steps(tree: Path) -> dict[str, dict[str, int]]:
+    """For each file of tests, and of the model with its doctests: files that it reaches, and in how many steps.
+
+    A step is an import, wherever in a module it stands.
     """
-    files = {f"tests/test_{name}.py": _imported(tree / f"tests/test_{name}.py") for name in FILES}
-    return files | {
-        own: {own} for path in sorted((tree / "reference").glob("*.py")) for own in [f"reference/{path.name}"]
+    paths = [path for part in ("reference", "cmpcheck") for path in sorted((tree / part).rglob("*.py"))]
+    own = {path.relative_to(tree).as_posix() for path in paths}
+    known = {name: _imported(tree / name, own) for name in [*test_files(), *sorted(own)]}
+    return {
+        name: _steps(name, known)
+        for name in [*test_files(), *sorted(n for n in own if Path(n).parent == Path("reference"))]
     }
 
 
-def _imported(path: Path) -> set[str]:
-    """Files of the model that a module imports by name."""
+def _steps(start: str, known: dict[str, set[str]]) -> dict[str, int]:
+    """Steps from one file to all that it reaches, by breadth."""
+    found, edge = {start: 0}, [start]
+    while edge:
+        edge = [name for name in sorted(set().union(*(known[e] for e in edge))) if name not in found]
+        found |= dict.fromkeys(edge, max(found.values()) + 1)
+    return found
+
+
+def reaching(steps: dict[str, dict[str, int]], file: str) -> list[str]:
+    """The files of tests that reach a file, the nearest first."""
+    near = [name for name, reached in steps.items() if file in reached]
+    return sorted(near, key=lambda name: steps[name][file])  # stable: as in FILES among equals
+
+
+def _imported(path: Path, own: set[str]) -> set[str]:
+    """Those of the files `own` that a module imports: modules, and the packages that they are in."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-    files = {f"{name.replace('.', '/')}.py" for name in names if name.startswith("reference.")}
-    return {file for file in files if (path.parents[1] / file).is_file()}
+    stems = [name.replace(".", "/") for name in names]
+    return {file for stem in stems for file in (f"{stem}.py", f"{stem}/__init__.py") if file in own}
 
 
 def failing(
