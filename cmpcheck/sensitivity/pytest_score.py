@@ -81,7 +81,7 @@ def test_files() -> list[str]:
 
 
 def import_steps(tree: Path) -> dict[str, dict[str, int]]:
-    """For each file of tests, and of the model with its doctests: files that it reaches, and in how many steps.
+    """For each file of tests, and of the model with its doctests: what it reaches, and in how many steps.
 
     A step is an import, wherever in a module it stands.
     """
