@@ -370,7 +370,7 @@ def test_of_the_tests_those_that_reach_a_file_are_asked_the_nearest_first():
 
 
 def test_a_failing_test_whose_name_has_spaces_is_one():
-    text = "FAILED tests/test_a.py::test_b[as it ships] - assert 1 == 0\nERROR tests/test_c.py\n1 failed in 1 s\n"
+    text = "FAILED tests/test_a.py::test_b[as it ships] - assert 1 == 0\nERROR tests/test_c.py\n1 failed\n"
     assert pytest_score.FAILED.findall(text) == ["tests/test_a.py::test_b[as it ships]", "tests/test_c.py"]
 
 
