@@ -211,7 +211,7 @@ def run_suite(
     if components:
         found = kept.get(COMPONENTS, COMPONENTS)
         if found is None:
-            found = component_result()
+            found = component_result(("reference", *others))
             kept.put(COMPONENTS, COMPONENTS, found)
         results.append(found)
         if progress is not None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 
 from cmpcheck import components
-from cmpcheck.components import check_components, component_result, equations, methods, runs, setup
+from cmpcheck.components import check_components, component_result, equations, methods, runs, samples, setup
+from cmpcheck.engines.lammps import LammpsEngine
 from cmpcheck.suite import run_suite
 from reference import exact
 from reference.balances import Balance
+from reference.exact import adaptive
 from reference.exact.adaptive import iterate
 
 
@@ -69,7 +73,47 @@ def test_a_part_that_crashes_is_a_row_and_the_others_go_on(monkeypatch):
 def test_a_suite_that_is_asked_for_them_has_them_as_its_last_case(tmp_path):
     found = run_suite(["drag_relaxation"], [], "quick", tmp_path, 1, components=True)
     assert [case.name for case in found.cases] == ["drag_relaxation", components.CASE]
-    assert component_result().comparisons == found.cases[-1].comparisons
+    assert component_result(["reference"]).comparisons == found.cases[-1].comparisons
+    engines = {row.engine for row in found.cases[-1].comparisons}
+    assert engines == {"reference"}  # no other was asked for
+
+
+def test_twin_a_position_that_moves_with_the_old_velocity_is_seen(monkeypatch):
+    """dt v instead of dt v': off by dt^2 a, which no limit dt -> 0 can tell."""
+    right = runs.simulate_setup
+
+    def behind(given):
+        run = right(given)
+        if len(run.times) == 2 and len(run.velocities[0]) == 1:
+            run.positions[1] -= (run.times[1] - run.times[0]) * (run.velocities[1] - run.velocities[0])
+        return run
+
+    monkeypatch.setattr(runs, "simulate_setup", behind)
+    assert wrong(runs.checks()) == {"way"}
+
+
+def test_twin_a_step_that_grows_by_more_than_its_cap_is_seen(monkeypatch):
+    """Where the closed form caps the growth at 2.02, only the start that reaches the cap disagrees."""
+    source = inspect.getsource(adaptive).replace("min(factor, 2.0)", "min(factor, 2.02)")
+    space: dict = {"__name__": "looser"}
+    exec(compile(source, "looser", "exec"), space)
+    monkeypatch.setattr(exact, "adaptive_stokes", space["adaptive_stokes"])
+    rows = [row for row in runs.checks() if row.status != "agree"]
+    assert {row.variant for row in rows} == {"adaptive steps that grow as fast as they may"}
+
+
+@pytest.mark.skipif(not LammpsEngine().info().available, reason="LAMMPS is not installed")
+def test_twin_a_trajectory_with_velocities_of_half_a_step_before_is_seen(monkeypatch):
+    right = LammpsEngine.run
+
+    def behind(self, setup, resolution):
+        run = right(self, setup, resolution)
+        run.velocities[1:] = np.diff(run.positions, axis=0) / run.times[1]
+        return run
+
+    assert wrong(samples.checks()) == set()
+    monkeypatch.setattr(LammpsEngine, "run", behind)
+    assert wrong(samples.checks()) == {"sampled_velocity"}
 
 
 def test_a_collision_in_a_flow_without_viscosity_is_one_without_a_flow():

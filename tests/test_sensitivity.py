@@ -20,11 +20,12 @@ from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
 from cmpcheck.outputs import OutputError
-from cmpcheck.sensitivity import building, document, page, words
+from cmpcheck.planning import QUANTITIES, pilot_spreads
+from cmpcheck.sensitivity import building, document, page, power, pytest_score, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
 from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
 from cmpcheck.sensitivity.children import Died
-from cmpcheck.sensitivity.detect import FINE, evaluate, smallest
+from cmpcheck.sensitivity.detect import FINE, evaluate, first_noticing, smallest
 from cmpcheck.sensitivity.false_alarms import PAIRS, TRIALS, draws_of, judge, summary
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.patching import (
@@ -39,6 +40,7 @@ from cmpcheck.sensitivity.patching import (
 from cmpcheck.sensitivity.run import plan_of, run_plan
 from cmpcheck.sensitivity.store import Store, source_digest
 from cmpcheck.sensitivity.switch import switched_on
+from reference.case import load_case
 
 SOURCE = '''
 """A module."""
@@ -206,6 +208,30 @@ def test_an_error_that_is_too_small_at_first_is_made_larger_and_one_without_end_
     assert always["size"] < 1e-12
 
 
+def test_a_check_that_missed_a_size_is_not_asked_about_smaller_ones_and_quick_stops_at_the_first():
+    class Two:
+        """Case c notices errors from 1 on, case d from 0.1 on."""
+
+        asked: list = []  # noqa: RUF012
+
+        def ask(self, request: dict) -> dict:
+            names = [case for case, _ in request["labels"]]
+            self.asked.append((request["size"], names))
+            limits = {"c": 1.0, "d": 0.1}
+            rows = [asdict(replace(SEEN[0], case=n)) for n in names if request["size"] >= limits.get(n, 1e9)]
+            return {"rows": rows, "problem": ""}
+
+    labels = [("b", ""), ("c", ""), ("d", "")]
+    seen = [SEEN[0], replace(SEEN[0], case="d")]
+    found = smallest(Two(), [WIDER], 0, seen, [], labels)
+    assert (found["by"], found["size"]) == (["d: q"], pytest.approx(0.1))
+    assert {tuple(names) for size, names in Two.asked if size < 0.1} == {("d",)}
+    Two.asked.clear()
+    assert [row.check for row in first_noticing(Two(), [WIDER], 0, [], labels)] == ["c: q"]
+    assert [names for _, names in Two.asked] == [["b"], ["c"]]
+    assert [row.check for row in first_noticing(Two(), [WIDER], 0, SEEN, labels)] == ["d: q"]
+
+
 def test_what_was_bad_before_notices_nothing():
     other = replace(SEEN[0], quantity="other")
     assert only_new([*SEEN, other], SEEN) == [other]
@@ -311,6 +337,41 @@ def test_equal_samples_are_equivalent_and_shifted_ones_are_called_different():
     shifted = pool | {"removals": more * pool["removals"]}
     verdicts = [v.verdict for v in judge(shifted, ours, theirs, 999)]
     assert verdicts.count("different") == 1
+
+
+def test_power_has_a_curve_for_every_comparison_and_rises_with_the_difference(monkeypatch):
+    """Flatness at five times and three quantities at the end, as `compare` judges them."""
+    assert len(power.compared()) == QUANTITIES == 8
+    monkeypatch.setattr(power, "TRIALS", 40)
+    rng, growth = np.random.default_rng(3), np.linspace(0.0, 1.0, 51)
+    values = 1.0 - growth * (0.5 + 0.1 * rng.normal(size=(400, 1)))
+    early, late = (power._curve((values, "flatness", k, 62)) for k in (1, 5))
+    (case,) = load_case("polish_pair").variants()
+    pilot = pilot_spreads(case, "lammps")[1]["flatness"]
+    assert late["spread"] == pytest.approx(pilot)
+    assert early["spread"] == pytest.approx(pilot / 5)  # the samples part in proportion to time
+    assert early["needed"] < late["needed"] == 62
+    at = {point["effect"]: point for point in late["points"]}
+    assert at[0.0]["equivalent"] > 0.75  # 62 pairs were chosen for 90 %, of 40 trials with an error of 5 %
+    assert at[0.0]["different"] == 0.0
+    assert at[3.0]["different"] == 1.0
+    resolved = [point["resolved"] for point in late["points"]]
+    assert resolved == sorted(resolved)
+
+
+def test_of_the_tests_those_that_reach_a_file_are_asked_the_nearest_first():
+    steps = pytest_score.import_steps(project_root())
+    order = pytest_score.reaching(steps, "reference/schemes.py")
+    assert set(order[1:3]) == {"tests/test_pad.py", "tests/test_timestep.py"}  # its doctests before them
+    assert order.index("tests/test_simulation.py") < order.index("tests/test_components.py")
+    assert "tests/test_genetic.py" not in order  # the search knows nothing of steps
+    assert "tests/test_components.py" in pytest_score.reaching(steps, "reference/packing.py")
+    assert all((project_root() / name).is_file() for name in steps)
+
+
+def test_a_failing_test_whose_name_has_spaces_is_one():
+    text = "FAILED tests/test_a.py::test_b[as it ships] - assert 1 == 0\nERROR tests/test_c.py\n1 failed\n"
+    assert pytest_score.FAILED.findall(text) == ["tests/test_a.py::test_b[as it ships]", "tests/test_c.py"]
 
 
 def sample_document(**changes) -> dict:

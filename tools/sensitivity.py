@@ -53,15 +53,16 @@ def text(document: dict) -> str:
     noticed = sum(entry["detected"] for entry in entries.values())
     reasons = sum(bool(entry["explained"]) for entry in entries.values())
     lines = [
-        f"Of {len(entries)} seeded errors {noticed} are noticed; why {reasons} cannot be is derived.",
-        "Limits of some:",
+        f"Of {len(entries)} seeded errors {noticed} are noticed"
+        + (f"; why {reasons} cannot be is derived there" if reasons else "")
+        + ". Limits of some:",
         "",
         "| error in | noticed from |",
         "|---|---|",
         *(f"| {called} | {limit(entries[name])} |" for name, called in SHOWN.items() if name in entries),
         "",
     ]
-    rate, tests = document["false_alarm_rate"], document["tests"]
+    rate, tests, power = document["false_alarm_rate"], document["tests"], document["power"]
     if rate:
         resolved, different = rate["resolved"], rate["different"]
         span = f"{percent(resolved['low'])} to {percent(resolved['high'])}"
@@ -71,8 +72,21 @@ def text(document: dict) -> str:
             "disagreement."
         )
     if tests:
+        where = [(entry["where"], entry["side"]) for entry in entries.values()]
+        seeded = sum(file.startswith("reference/") and side == "reference" for file, side in where)
+        rest = seeded - tests["asked"]
         asked = f"{tests['killed']} of the {tests['asked']} errors seeded into it"
-        lines.append(f"The tests of the model fail for {asked}.")
+        lines.append(
+            f"The tests of the model fail for {asked}"
+            + (f"; {rest} more are not tried yet." if rest else ".")
+        )
+    if power and power["seconds"]:
+        each = " and ".join(f"{value:.2g} CPU s in {name}" for name, value in power["seconds"].items())
+        needed = max(curve["needed"] for curve in power["curves"])
+        lines.append(
+            f"Showing that two engines polish alike with a power of 90 % takes {needed} pairs of samples; "
+            f"a pair costs {each}."
+        )
     return "\n".join(lines) + "\n"
 
 

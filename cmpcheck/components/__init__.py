@@ -7,23 +7,28 @@ Each gives a row as the cases do, under the name `components`.  They cost a few 
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 
-from cmpcheck.components import equations, methods, runs, setup
+from cmpcheck.components import equations, methods, runs, samples, setup
 from cmpcheck.components.row import CASE, failed
 from cmpcheck.results import CaseResult, Comparison
 
 __all__ = ["CASE", "check_components", "component_result"]
 
-PARTS = (equations.checks, setup.checks, runs.checks, methods.checks)
+PARTS = (equations.checks, setup.checks, runs.checks, methods.checks, samples.checks)
+ENGINES = ("reference", "lammps")
 
 
-def check_components(changed: str = "") -> list[Comparison]:
+def check_components(changed: str = "", engines: Collection[str] = ENGINES) -> list[Comparison]:
     """Every row; a part that fails is one row with the status `error`.
 
-    Parameters: changed, a file of the model: parts that do not depend on it are left out.
+    Parameters: changed, a file of the model: parts that do not depend on it are left out; engines, whose
+    parts are checked.
     """
     rows: list[Comparison] = []
     for part in PARTS:
+        if ("lammps" if part is samples.checks else "reference") not in engines:
+            continue
         if part is methods.checks and changed.startswith("reference/") and changed not in methods.MODEL_FILES:
             continue
         try:
@@ -33,15 +38,15 @@ def check_components(changed: str = "") -> list[Comparison]:
     return rows
 
 
-def component_result() -> CaseResult:
-    """All rows as a case of the report."""
+def component_result(engines: Collection[str] = ENGINES) -> CaseResult:
+    """All rows of the engines as a case of the report."""
     begin = time.perf_counter()
-    rows = check_components()
+    rows = check_components(engines=engines)
     return CaseResult(
         name=CASE,
         title="Components",
         sentence="What no case reaches: single equations, setting up, random numbers, methods of search and "
-        "of statistics.",
+        "of statistics, and how trajectories are sampled.",
         equations="9, 20-22, 29, 32-36, 40-43",
         comparisons=rows,
         seconds=time.perf_counter() - begin,

@@ -28,7 +28,7 @@ def build(plan: Plan, store: Store) -> dict[str, Any]:
         "mutants": mutants,
         "checks": [{"name": name, "notices": notices} for name, notices in sorted(checks.items())],
         "false_alarm_rate": store.get(false_alarms.KIND, plan.profile) or {},
-        "power": _power(store),
+        "power": power.kept(store),
         "orders": store.get(orders.KIND, orders.NAME) or {},
         "tests": _tests(mutants),
     }
@@ -37,8 +37,7 @@ def build(plan: Plan, store: Store) -> dict[str, Any]:
 def _entry(mutant: Mutant, store: Store, profile: str) -> dict[str, Any]:
     found = store.get(SEEDED, mutant.name)
     least = store.get(SMALLEST, mutant.name) if profile == "full" and mutant.continuous else None
-    larger = least["by"] if least and not mutant.explained else []  # its own size was too small
-    by = found["by"] or larger
+    by = found["by"] or (least["by"] if least else [])  # a larger size, where its own was too small
     entry: dict[str, Any] = {
         "name": mutant.name,
         "breaks": mutant.breaks,
@@ -58,18 +57,6 @@ def _entry(mutant: Mutant, store: Store, profile: str) -> dict[str, Any]:
             entry[name] = None if least[key] is None else mutant.factor * least[key]
         entry["by_smallest"] = least["by"]
     return entry
-
-
-def _power(store: Store) -> dict[str, Any]:
-    curves = [
-        found
-        for row in power.needed_pairs()
-        for n in power.pair_numbers()
-        if (found := store.get(power.KIND, f"{row['quantity']} {n}")) is not None
-    ]
-    if not curves:
-        return {}
-    return {"curves": curves, "needed": power.needed_pairs(), "seconds": store.get("cost", "pair") or {}}
 
 
 def _tests(mutants: list[dict[str, Any]]) -> dict[str, Any]:

@@ -165,9 +165,9 @@ def bad_rows(
             continue
         with _deck(mutant, size, tree) as decks:
             rows += _rows_of(mutant, label, on, theirs and asked, baseline, decks)
-    if (mutant is None or mutant.side != "lammps") and (COMPONENTS, "") in labels:
+    if (COMPONENTS, "") in labels:
         with on():
-            rows += check_components("" if mutant is None else mutant.file)
+            rows += check_components("" if mutant is None else mutant.file, _component_engines(mutant))
     return [
         Noticed(
             r.case, r.variant, r.engine, r.quantity, r.status, r.error / r.tolerance if r.tolerance else None
@@ -175,6 +175,14 @@ def bad_rows(
         for r in rows
         if r.status in BAD
     ]
+
+
+def _component_engines(mutant: Mutant | None) -> tuple[str, ...]:
+    """Whose components are checked: of who makes the error, and LAMMPS's where the error asks for them."""
+    if mutant is None:
+        return "reference", "lammps"
+    ours = ("reference",) if mutant.side != "lammps" else ()
+    return ours + (("lammps",) if COMPONENTS in mutant.cases else ())
 
 
 @contextlib.contextmanager

@@ -37,6 +37,17 @@ def evaluate(
     return [Noticed(**row) for row in reply["rows"]]
 
 
+def first_noticing(
+    child: Child, mutants: Sequence[Mutant], number: int, before: Sequence[Noticed], labels: Sequence[Label]
+) -> list[Noticed]:
+    """The rows that notice an error at its own size in the first of the labels, in order, that does."""
+    for label in labels:
+        found = only_new(evaluate(child, mutants, number, mutants[number].size, [label]), before)
+        if found:
+            return found
+    return []
+
+
 def ask_twice(child: Child, request: dict[str, Any]) -> dict[str, Any]:
     """The answer; who is killed from outside is not killed twice.  Raises Died after the second time."""
     try:
@@ -54,7 +65,7 @@ def record(mutant: Mutant, found: Sequence[Noticed]) -> dict[str, Any]:
     return {"size": mutant.size, "by": checks, "rows": len(found), "largest_ratio": worst}
 
 
-def noticing(mutant: Mutant, found: Sequence[Noticed], labels: Sequence[Label]) -> list[Label]:
+def noticing(found: Sequence[Noticed], labels: Sequence[Label]) -> list[Label]:
     """The variants whose rows notice an error: all that a search for its smallest size has to run."""
     names = {(row.case, row.variant.split(", ")[0]) for row in found}
     cases = {row.case for row in found}
@@ -68,16 +79,20 @@ def smallest(
 ) -> dict[str, Any]:  # fmt: skip
     """The smallest size that is noticed, by factors of 10 and then by bisection of its logarithm.
 
+    What does not notice a size is not asked about smaller ones.
     Returns {"size", "not_noticed", "by", "evaluations"}: `size` is None where none is noticed up to LARGER
     times the first; `not_noticed` is the largest size below it that was not, None where there was none.
     """
     mutant, tries = mutants[number], 0
-    own = noticing(mutant, found, labels) if found else list(labels)
+    own = noticing(found, labels) if found else list(labels)
 
     def at(size: float) -> list[Noticed]:
-        nonlocal tries
+        nonlocal tries, own
         tries += 1
-        return only_new(evaluate(child, mutants, number, size, own), before)
+        rows = only_new(evaluate(child, mutants, number, size, own), before)
+        if rows:
+            own = noticing(rows, own)
+        return rows
 
     high, seen, low = mutant.size, list(found), None
     while not seen and high < LARGER * mutant.size:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from cmpcheck.charts import chart_figure
-from cmpcheck.display import number, printable, words
+from cmpcheck.display import number, printable
 from cmpcheck.results import Chart, Column, Curve
-from cmpcheck.sensitivity.words import PERCENT, limit_text
+from cmpcheck.sensitivity.words import PERCENT, compared_text, limit_text
 from cmpcheck.svg import COLOURS, INK, styled, svg_text
 
 BAR_HEIGHT, WIDTH = 0.19, 7.4  # inches
@@ -52,10 +52,11 @@ def limits_figure(document: dict[str, Any], key: str) -> str:
 
 
 def power_figures(document: dict[str, Any], key: str) -> list[tuple[str, str]]:
-    """For each observable and number of pairs, the fractions of verdicts over the true difference."""
+    """The fractions of verdicts over the true difference, of each comparison with many pairs and with few."""
     drawn = []
-    for k, curve in enumerate(document["power"].get("curves", [])):
-        points = curve["points"]
+    curves = sorted(document["power"].get("curves", []), key=lambda curve: -curve["pairs"])
+    for k, curve in enumerate(curves):
+        name, points = compared_text(curve), curve["points"]
         effects = tuple(point["effect"] for point in points)
         names = [
             ("different", "called different"),
@@ -67,7 +68,7 @@ def power_figures(document: dict[str, Any], key: str) -> list[tuple[str, str]]:
             tuple(Curve(label, effects, tuple(point[name] for point in points)) for name, label in names),
         )  # fmt: skip
         caption = (
-            f"{words(curve['quantity']).capitalize()}, {curve['pairs']} pairs; margin "
+            f"{name[0].upper()}{name[1:]}, {curve['pairs']} pairs; margin "
             f"{number(curve['margin'], 2)}, spread of a difference {number(curve['spread'], 2)}; "
             f"{curve['trials']} trials a point."
         )

@@ -27,6 +27,7 @@ class Section(NamedTuple):
     others: list[tuple[str, str]]  # limits in other units than percent
     alarms: str
     power: list[tuple[Markup, str]]
+    sizes: str  # of samples, in a sentence
     pairs: tuple[list[str], list[list[str]]]
     orders: tuple[list[str], list[list[str]]]
     nasa: tuple[list[str], list[list[str]]]
@@ -65,6 +66,7 @@ def section(document: dict[str, Any], href: str = "") -> Section:
         others=others,
         alarms=words.alarm_sentence(document),
         power=[(Markup(svg), caption) for svg, caption in power_figures(document, "sp")],
+        sizes=words.pair_sentence(document),
         pairs=words.pair_rows(document),
         orders=words.order_rows(document),
         nasa=words.nasa_rows(document),
@@ -105,14 +107,15 @@ def markdown(document: dict[str, Any]) -> str:
         lines += [f"- {name}: {reason}" for name, reason in shown.explained]
     for title, text, (heads, rows) in (
         ("False alarms", shown.alarms, ([], [])),
-        ("Sample sizes", "", shown.pairs),
+        ("Sample sizes", shown.sizes, shown.pairs),
         ("Observed orders", "", shown.orders),
         ("NASA's example of grid convergence", "", shown.nasa),
         ("The tests", shown.tests, ([], [])),
     ):
         if text or rows:
             lines += ["", f"## {title}", ""]
-            lines += [text] if text else _table(heads, rows)
+            lines += [text] if text else []
+            lines += ["", *_table(heads, rows)] if text and rows else _table(heads, rows) if rows else []
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,8 @@
 """How small a difference the statistical comparisons find: detected fraction over its size, and the cost.
 
-Differences have the shape of those between samples of the reference (the pool of `false_alarms.py`) and the
-spread that the pilot of `polish_pair` measured between the engines; a shift is added to them.
+A comparison is one observable at one time: `ensembles.py` judges flatness at several.  Differences have the
+shape of those between samples of the reference (the pool of `false_alarms.py`) and the spread that the pilot
+of `polish_pair` measured between the engines; a shift is added to them.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 
 from cmpcheck.engines import make_engine
 from cmpcheck.ensembles import resolutions
-from cmpcheck.observables import OBSERVABLES, judged_frames, margins
-from cmpcheck.planning import FEWEST, pilot_spreads, upper_limit
+from cmpcheck.observables import OBSERVABLES, TIMES, Observable, judged_frames, margins
+from cmpcheck.planning import FEWEST, QUANTITIES, pairs_to_run, pilot_spreads, upper_limit
 from cmpcheck.pool import run_tasks
 from cmpcheck.sensitivity.false_alarms import ALPHA, CASE, ENGINE, FIRST, SAMPLES, Progress, make_pool
 from cmpcheck.sensitivity.store import Store
@@ -24,69 +25,87 @@ from reference.case import load_case
 from reference.ensemble import sample_case
 from reference.process import build_setup
 
-KIND = "power"
+KIND, COST = "power", "cost"
 EFFECTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)  # true difference over the margin
-TRIALS, RESAMPLES = 200, 999
-OTHERS = 7  # quantities beside the one that differs in the family of eight; they have no difference
+TRIALS, RESAMPLES = 400, 999
+OTHERS = QUANTITIES - 1  # beside the one that differs, in its family; they have no difference
+COSTED = 3  # samples whose cost is measured
 
 
 def keep(store: Store, jobs: int, progress: Progress) -> None:
-    """The curves of every observable with few and with many pairs, and the cost of a pair."""
+    """The curves of every comparison with few and with many pairs, and the cost of a pair."""
     pool = make_pool(store, SAMPLES["full"], jobs, progress)
-    sizes = pair_numbers()
-    tasks = [(pool[o.quantity], o.quantity, n) for o in OBSERVABLES for n in sizes]
-    left = [task for task in tasks if store.get(KIND, f"{task[1]} {task[2]}") is None]
+    tasks = [(pool[o.quantity], o.quantity, k, n) for o, k in compared() for n in pair_numbers().values()]
+
+    def done(task: tuple[np.ndarray, str, int, int]) -> bool:
+        return store.get(KIND, _name(*task[1:])) is not None
+
+    left = [task for task in tasks if not done(task)]
     progress("power", len(tasks) - len(left), len(tasks))
     for task, future in run_tasks(_curve, left, jobs):
-        store.put(KIND, f"{task[1]} {task[2]}", future.result())
-        progress(
-            "power", len(tasks) - sum(store.get(KIND, f"{t[1]} {t[2]}") is None for t in tasks), len(tasks)
-        )
-    if store.get("cost", "pair") is None:
-        store.put("cost", "pair", _cost())
+        store.put(KIND, _name(*task[1:]), future.result())
+        progress("power", sum(map(done, tasks)), len(tasks))
+    if store.get(COST, "pair") is None:
+        store.put(COST, "pair", _cost())
 
 
-def pair_numbers() -> list[int]:
-    """The quick profile's pairs, and as many as the full profile runs: what the widest spread needs."""
-    return [FEWEST["quick"], max(FEWEST["full"], *(row["needed"] for row in needed_pairs()))]
+def kept(store: Store) -> dict[str, Any]:
+    """What `keep` has found so far: curves in the order of comparisons, pairs by profile, cost of a pair."""
+    curves = [
+        found
+        for o, k in compared()
+        for n in pair_numbers().values()
+        if (found := store.get(KIND, _name(o.quantity, k, n))) is not None
+    ]
+    return {"curves": curves, "pairs": pair_numbers(), "seconds": store.get(COST, "pair")} if curves else {}
 
 
-def needed_pairs() -> list[dict[str, Any]]:
-    """For each observable, the spread of its paired differences and the pairs for a power of 90 %."""
+def _name(quantity: str, k: int, n: int) -> str:
+    return f"{quantity} {k} of {TIMES} {n}"
+
+
+def compared() -> list[tuple[Observable, int]]:
+    """Every comparison of `ensembles.py`: the observable, and the number k of its time, k T/TIMES.
+
+    >>> [(o.quantity, k) for o, k in compared()][3:6]
+    [('flatness', 4), ('flatness', 5), ('removals', 5)]
+    """
+    return [(o, k) for o in OBSERVABLES for k in ((TIMES,) if o.relative else range(1, TIMES + 1))]
+
+
+def pair_numbers() -> dict[str, int]:
+    """The pairs that each profile of `compare` runs; `full` as many as the widest spread needs."""
     (case,) = load_case(CASE).variants()
-    pairs, spreads = pilot_spreads(case, ENGINE)
-    limits = margins(case, ENGINE)
-    return [
-        {
-            "quantity": quantity, "spread": spread, "assumed": upper_limit(spread, pairs),
-            "margin": limits[quantity], "needed": sample_size(upper_limit(spread, pairs), limits[quantity]),
-        }
-        for quantity, spread in spreads.items()
-    ]  # fmt: skip
+    return {profile: pairs_to_run(case, ENGINE, profile, margins(case, ENGINE)) for profile in FEWEST}
 
 
-def standard_differences(values: np.ndarray) -> np.ndarray:
-    """Differences of disjoint samples at the last judged time, with mean 0 and standard deviation 1.
+def sampled_differences(values: np.ndarray) -> np.ndarray:
+    """Differences of disjoint samples at the judged times, with mean 0, over the widest of their spreads.
 
     Parameters: values (n, T) of one observable.
+    Returns: (n // 2, TIMES); the standard deviation is 1 at the time where it is largest.
     """
-    last = values[:, judged_frames(values.shape[1])[-1]]
-    half = len(last) // 2
-    d = last[:half] - last[half : 2 * half]
-    return (d - d.mean()) / d.std()
+    judged = values[:, judged_frames(values.shape[1])]
+    half = len(judged) // 2
+    d = judged[:half] - judged[half : 2 * half]
+    return (d - d.mean(axis=0)) / d.std(axis=0).max()
 
 
-def _curve(task: tuple[np.ndarray, str, int]) -> dict[str, Any]:
-    """Fractions of trials that find a difference, call it different, or call it equivalent, by its size."""
-    values, quantity, n = task
+def _curve(task: tuple[np.ndarray, str, int, int]) -> dict[str, Any]:
+    """Fractions of trials that find a difference, call it different, or call it equivalent, by its size.
+
+    The pilot's spread is the largest of the judged times (`Pairs.spread`); the pool tells the others.
+    """
+    values, quantity, k, n = task
     (case,) = load_case(CASE).variants()
-    margin, spread = margins(case, ENGINE)[quantity], pilot_spreads(case, ENGINE)[1][quantity]
-    shapes, rng = standard_differences(values), np.random.default_rng(n)
+    margin, (pairs, spreads) = margins(case, ENGINE)[quantity], pilot_spreads(case, ENGINE)
+    shapes, rng = spreads[quantity] * sampled_differences(values)[:, k - 1], np.random.default_rng(n)
+    spread = float(shapes.std())
     points = []
     for effect in EFFECTS:
         counts = dict.fromkeys(("resolved", "different", "equivalent"), 0)
         for _ in range(TRIALS):
-            d = spread * rng.choice(shapes, n) + effect * margin
+            d = rng.choice(shapes, n) + effect * margin
             alone = paired_difference(d, margin, ALPHA, resamples=RESAMPLES)
             # of a family in which nothing else differs: p-values of equal engines are uniform
             others = [replace(alone, p_different=float(p)) for p in rng.random(OTHERS)]
@@ -96,21 +115,23 @@ def _curve(task: tuple[np.ndarray, str, int]) -> dict[str, Any]:
             counts["equivalent"] += verdict.verdict == "equivalent"
         points.append({"effect": effect, **{name: count / TRIALS for name, count in counts.items()}})
     return {
-        "quantity": quantity, "pairs": n, "margin": margin, "spread": spread, "trials": TRIALS,
-        "points": points,
+        "quantity": quantity, "time": k / TIMES, "pairs": n, "margin": margin, "spread": spread,
+        "needed": sample_size(upper_limit(spread, pairs), margin), "trials": TRIALS, "points": points,
     }  # fmt: skip
 
 
 def _cost() -> dict[str, float]:
-    """Seconds that one sample takes in each engine, at the steps of the comparison."""
+    """CPU seconds of one sample in each engine, at the steps of the comparison: the mean of COSTED."""
     (case,) = load_case(CASE).variants()
     fine, _, soft = resolutions(case, ENGINE, "impulse")
-    setup, seconds = build_setup(sample_case(case, FIRST)), {}
+    setups = [build_setup(sample_case(case, FIRST + k)) for k in range(COSTED + 1)]
+    seconds = {}
     for name, resolution in (("reference", fine), (ENGINE, soft)):
         engine = make_engine(name)
         if engine.info().available:
-            engine.run(setup, resolution)  # compiles
-            begin = time.perf_counter()
-            engine.run(setup, resolution)
-            seconds[name] = round(time.perf_counter() - begin, 2)
+            engine.run(setups[0], resolution)  # compiles
+            begin = time.process_time()
+            for setup in setups[1:]:
+                engine.run(setup, resolution)
+            seconds[name] = round((time.process_time() - begin) / COSTED, 2)
     return seconds

@@ -23,7 +23,7 @@ from cmpcheck.sensitivity.checks import (
     only_new,
 )
 from cmpcheck.sensitivity.children import Child, prepare, run_parallel
-from cmpcheck.sensitivity.detect import ask_twice, evaluate, record, smallest
+from cmpcheck.sensitivity.detect import ask_twice, evaluate, first_noticing, record, smallest
 from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.store import Store, source_digest
 from cmpcheck.sensitivity.worker import BASELINE
@@ -34,6 +34,7 @@ QUICK_LEAVES_OUT = frozenset({
     ("asperity_bounce", "plateau"), ("asperity_bounce", "corner"), ("pair_head_on", "e0.2"),
     ("pair_head_on", "e0.8"), ("pair_head_on", "e1"), ("wall_oblique", "60deg"),
 })  # fmt: skip
+SLOW = ("bounce_train", "swarm")  # cases that take several times as long as any other
 SEEDED, SMALLEST, TESTS, BEFORE = "seeded", "smallest", "tests", "before"
 
 
@@ -72,9 +73,27 @@ def plan_of(mutants: list[Mutant], cases: Sequence[str], profile: str, jobs: int
     """
     labels = comparable_variants(cases)
     if not cases:
-        labels = [label for label in labels if profile == "full" or label not in QUICK_LEAVES_OUT]
         labels.append((COMPONENTS, ""))
+        labels = labels if profile == "full" else quick_order(labels)
     return Plan(mutants, labels, profile, jobs)
+
+
+def quick_order(labels: Sequence[Label]) -> list[Label]:
+    """What the quick profile runs, what finds most in a second first: an error is asked about until one does.
+
+    One variant of each case, the components, the other variants, and then the cases that are slow.
+
+    >>> quick_order([("swarm", ""), ("wall", "30deg"), ("wall", "45deg"), ("components", "")])
+    [('wall', '30deg'), ('components', ''), ('wall', '45deg'), ('swarm', '')]
+    """
+    own = [label for label in labels if label not in QUICK_LEAVES_OUT]
+    cases = [label[0] for label in own]
+
+    def rank(k: int) -> int:
+        name = cases[k]
+        return 3 if name in SLOW else 1 if name == COMPONENTS else 2 if name in cases[:k] else 0
+
+    return [own[k] for k in sorted(range(len(own)), key=rank)]
 
 
 def run_plan(plan: Plan, store: Store, progress: Progress) -> None:
@@ -156,13 +175,16 @@ def _before(plan: Plan, store: Store, child: Child) -> list[Noticed]:
 def _seeded(
     plan: Plan, store: Store, children: Sequence[Child], before: list[Noticed], progress: Progress
 ) -> None:
-    """Every error at its own size."""
+    """Every error at its own size; in the quick profile until something notices it."""
     tasks = plan.tasks()
     left = [k for k in tasks if store.get(SEEDED, plan.mutants[k].name) is None]
 
     def work_on(child: Child, number: int) -> dict[str, Any]:
         mutant = plan.mutants[number]
-        found = only_new(evaluate(child, plan.mutants, number, mutant.size, plan.labels), before)
+        if plan.profile == "full":
+            found = only_new(evaluate(child, plan.mutants, number, mutant.size, plan.labels), before)
+        else:
+            found = first_noticing(child, plan.mutants, number, before, plan.labels)
         return record(mutant, found) | {"noticed": [asdict(row) for row in found]}
 
     def one(number: int, found: dict[str, Any]) -> None:

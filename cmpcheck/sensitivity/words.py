@@ -53,7 +53,7 @@ def finest_check(mutant: dict[str, Any]) -> str:
 
 def blind_spots(document: dict[str, Any]) -> list[str]:
     """Three sentences on what the suite cannot see."""
-    vanishing = ", ".join(f"“{m['name']}”" for m in explained(document)) or "a velocity of half a step before"
+    vanishing = ", ".join(f"“{m['name']}”" for m in explained(document))
     coarse = [
         m for m in document["mutants"] if m["unit"].startswith(PERCENT) and m["smallest_detected"] is not None
     ]
@@ -64,9 +64,14 @@ def blind_spots(document: dict[str, Any]) -> list[str]:
         if coarse
         else "How large an error may be and pass, the full profile finds: here each has one size only."
     )
+    limit = "The cases judge single impacts in the limit of small steps and short contacts: "
     return [
-        "Single impacts are judged in the limit of small steps and short contacts: what vanishes with them "
-        f"is not seen, such as {vanishing}.",
+        limit
+        + (
+            f"what vanishes with them is not seen, such as {vanishing}."
+            if vanishing
+            else "what vanishes with them only those components can notice that look at single steps."
+        ),
         second,
         "It shows that the equations are solved, not that they are right: an error that the paper, the "
         "closed forms and all engines have in common passes, as does whatever the model leaves out (spin, "
@@ -151,32 +156,59 @@ def nasa_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
     ]
 
 
+def compared_text(curve: dict[str, Any]) -> str:
+    """The quantity of a power curve and its time."""
+    when = "the end" if curve["time"] == 1.0 else f"{number(curve['time'], 2)} T"
+    return f"{spaced(curve['quantity'])} at {when}"
+
+
+def pair_sentence(document: dict[str, Any]) -> str:
+    """The sample sizes that follow from the power, and what they cost."""
+    power = document["power"]
+    if not power or not power["seconds"]:
+        return ""
+    seconds = power["seconds"]
+    each = " and ".join(f"{number(value, 2)} CPU s in {name}" for name, value in seconds.items())
+    widest = max(power["curves"], key=lambda curve: curve["needed"])
+    runs = ", ".join(
+        f"{profile} runs {n} pairs, {number(n * sum(seconds.values()) / 60, 2)} CPU min"
+        for profile, n in power["pairs"].items()
+    )
+    return (
+        f"A pair of samples costs {each}. The widest spread, of {compared_text(widest)}, needs "
+        f"{widest['needed']} pairs to be called equivalent with a probability of 90 % where nothing differs: "
+        f"{runs}."
+    )
+
+
 def pair_rows(document: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Pairs that each quantity needs, their power as simulated, and what they cost."""
+    """Pairs that each comparison needs, their power as simulated, and what they cost."""
     power = document["power"]
     if not power:
         return [], []
-    seconds = sum(power["seconds"].values())
+    seconds, numbers = sum((power["seconds"] or {}).values()), list(power["pairs"].values())
     header = [
         "quantity",
         "spread of a difference",
         "margin",
         "pairs for 90 %",
-        "one core",
-        "with",
-        "called equivalent",
-        "a difference of two margins called different",
+        "CPU s for them",
+        *(f"equal engines called equivalent with {n} pairs" for n in numbers),
+        *(f"two margins called different with {n} pairs" for n in numbers),
     ]
+    found: dict[str, list[dict[str, Any]]] = {}
+    for curve in power["curves"]:
+        found.setdefault(compared_text(curve), []).append(curve)
     rows = []
-    for row in power["needed"]:
-        for curve in (c for c in power["curves"] if c["quantity"] == row["quantity"]):
-            at = {point["effect"]: point for point in curve["points"]}
-            rows.append([
-                spaced(row["quantity"]), number(row["spread"], 2), number(row["margin"], 2),
-                str(row["needed"]),
-                f"{number(row['needed'] * seconds / 60, 2)} min", f"{curve['pairs']} pairs",
-                percent(at[0.0]["equivalent"]), percent(at[2.0]["different"]),
-            ])  # fmt: skip
+    for text, curves in found.items():
+        at = {curve["pairs"]: {point["effect"]: point for point in curve["points"]} for curve in curves}
+        first = curves[0]
+        rows.append([
+            text, number(first["spread"], 2), number(first["margin"], 2), str(first["needed"]),
+            number(first["needed"] * seconds, 2),
+            *(percent(at[n][0.0]["equivalent"]) if n in at else "" for n in numbers),
+            *(percent(at[n][2.0]["different"]) if n in at else "" for n in numbers),
+        ])  # fmt: skip
     return header, rows
 
 
@@ -185,7 +217,12 @@ def test_sentence(document: dict[str, Any]) -> str:
     tests = document["tests"]
     if not tests:
         return ""
+    seeded = sum(
+        m["where"].startswith("reference/") and m["side"] == "reference" for m in document["mutants"]
+    )
     text = f"Of {tests['asked']} errors of the reference, the tests of the model fail for {tests['killed']}"
+    if tests["asked"] < seeded:
+        text += f" ({seeded - tests['asked']} more have not been tried)"
     if tests["survivors"]:
         text += f"; these survive them: {', '.join(tests['survivors'])}"
     return text + "."

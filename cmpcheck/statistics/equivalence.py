@@ -37,7 +37,6 @@ class Equivalence:
     p_different: float  # of a mean of zero, two-sided, by sign flips
     p_equivalent: float  # of a mean at or beyond the margin: the larger of two one-sided tests
     verdict: str  # equivalent | different | inconclusive
-    reason: str
     n: int
     margin: float
     alpha: float
@@ -52,6 +51,11 @@ class Equivalence:
     def resolved(self) -> bool:
         """A difference from zero has been found, of whatever size."""
         return self.p_adjusted <= self.alpha
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is; made when it is read, as missing pairs take a search."""
+        return _reason(self)
 
     def in_family(self, p_adjusted: float) -> Equivalence:
         """The same evidence, judged with a p-value that allows for the rest of its family."""
@@ -93,9 +97,7 @@ def paired_difference(
         mean, error, interval = bootstrap.mean, bootstrap.standard_error, bootstrap.interval(alpha)
         p_equivalent = max(bootstrap.p_not_below(margin), bootstrap.p_not_above(-margin))
     return _judged(
-        Equivalence(
-            mean, error, interval, p_different, p_equivalent, "", "", len(d), margin, alpha, p_different
-        )
+        Equivalence(mean, error, interval, p_different, p_equivalent, "", len(d), margin, alpha, p_different)
     )
 
 
@@ -119,22 +121,34 @@ def relative_differences(measured: ArrayLike, reference: ArrayLike) -> np.ndarra
 
 
 def _judged(evidence: Equivalence) -> Equivalence:
-    """The evidence with its verdict and the reason for it."""
+    """The evidence with its verdict."""
+    within, beyond = _against_margin(evidence)
+    different = beyond and evidence.resolved
+    verdict = "equivalent" if within else "different" if different else "inconclusive"
+    return replace(evidence, verdict=verdict)
+
+
+def _against_margin(evidence: Equivalence) -> tuple[bool, bool]:
+    """Whether the interval lies within the margin, and whether it lies beyond it on one side."""
+    (low, high), limit = evidence.interval, evidence.margin
+    return -limit < low and high < limit, low > limit or high < -limit
+
+
+def _reason(evidence: Equivalence) -> str:
+    """What the verdict rests on, in a sentence."""
     (low, high), limit = evidence.interval, evidence.margin
     shown = f"{100 * (1 - 2 * evidence.alpha):g} % interval [{low:.3g}, {high:.3g}]"
     margin, n, p = f"the margin of {limit:.3g}", f"n = {evidence.n}", f"p = {evidence.p_adjusted:.2g}"
-    beyond = low > limit or high < -limit
-    if -limit < low and high < limit:
-        verdict, reason = "equivalent", f"{shown} lies within {margin}, {n}"
+    _, beyond = _against_margin(evidence)
+    if evidence.verdict == "equivalent":
+        reason = f"{shown} lies within {margin}, {n}"
         if evidence.resolved:
             reason += f"; a difference smaller than the margin was resolved ({p})"
-    elif beyond and evidence.resolved:
-        verdict, reason = "different", f"{shown} lies beyond {margin}, {n}, {p}"
+    elif evidence.verdict == "different":
+        reason = f"{shown} lies beyond {margin}, {n}, {p}"
     elif beyond:
-        verdict = "inconclusive"
         reason = f"inconclusive, {n}: {shown} lies beyond {margin}, but n is too small for the test ({p})"
     else:
-        verdict = "inconclusive"
         reason = f"inconclusive, {n}: {shown} reaches across {margin}; {_remedy(evidence)}"
         if evidence.resolved:
             reason += f"; a difference was resolved ({p}), not whether it exceeds the margin"
@@ -142,7 +156,7 @@ def _judged(evidence: Equivalence) -> Equivalence:
         others = 1 - evidence.alpha ** (1 / evidence.n)
         reason += f"; all differences are equal: fewer than {100 * others:.2g} % of all pairs are otherwise"
         reason += f" ({100 * (1 - evidence.alpha):g} % sure)"
-    return replace(evidence, verdict=verdict, reason=reason)
+    return reason
 
 
 def _remedy(evidence: Equivalence) -> str:

@@ -93,9 +93,7 @@ MUTANTS = (
         f"{FIXES}/samples.py:store_sample",
         "p[VELOCITY + axis] + p[LAG] * force / p[MASS]",
         "p[VELOCITY + axis] + (1.0 - SIZE) * p[LAG] * force / p[MASS]",
-        1.0, "% of half a step", side="lammps", cases=("drag_relaxation", "bounce_train", "pair_slip"),
-        explained="The velocity of half a step before differs from that of the step by dt a/2, which tends "
-        "to 0 with dt: the comparisons judge the limit. It enters no force: samples are only read.",
+        1.0, "% of half a step", side="lammps", cases=("components",),
     ),
     Mutant(
         "deck: restitution", "the pair deck asks for another restitution",

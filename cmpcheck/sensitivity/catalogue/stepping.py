@@ -13,9 +13,6 @@ MUTANTS = (
         "wrap(p.position[i, 0] + dt * vx, model.length_x)",
         "wrap(p.position[i, 0] + dt * (vx - SIZE * (vx - sx)), model.length_x)",
         1.0, "% of the change",
-        explained="r' = r + dt v* with v* the velocity before the step's drag: v' - v* = dt a, so each "
-        "step's way differs by dt^2 a and the path by dt times the integral of a, of the order of the "
-        "scheme's own error. The comparisons judge the limit dt -> 0, where the paths are one.",
     ),
     Mutant(
         "positions are not wrapped", "a particle that leaves the box along y stays outside",
@@ -55,10 +52,6 @@ MUTANTS = (
         f"{STEP}:advance",
         "min(factor, MAX_GROWTH) * dt", "min(factor, MAX_GROWTH * (1.0 + SIZE)) * dt",
         0.1, "%",
-        explained="Phi of an accepted step, (TOL/eps_1)^(1/(k_d-1)) over the observed contraction, makes "
-        "the next step converge in k_d iterations; the cap only delays that. A step that grew too long does "
-        "not converge and is repeated, one that grew too little is accurate: every accepted step meets TOL, "
-        "whatever the cap.",
     ),
     Mutant(
         "neighbour list out of date", "pairs are listed anew after a longer way than the skin allows",
