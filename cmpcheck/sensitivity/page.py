@@ -48,6 +48,7 @@ def section(document: dict[str, Any], href: str = "") -> Section:
             "cells": words.cells(m, names),
             "detected": m["detected"], "explained": bool(m["explained"]),
             "tests": "" if m["tests"] is None else (m["tests"][0] if m["tests"] else "none"),
+            "tests_in_words": words.test_in_words(m["tests"]),
         }
         for m in document["mutants"]
     ]  # fmt: skip

@@ -226,3 +226,18 @@ def test_sentence(document: dict[str, Any]) -> str:
     if tests["survivors"]:
         text += f"; these survive them: {', '.join(tests['survivors'])}"
     return text + "."
+
+
+def test_in_words(tests: list[str] | None) -> str:
+    """The first of the tests that fail, as a sentence that can be read; "" where none has been asked.
+
+    >>> test_in_words(["tests/test_drag.py::test_slow_drag_is_that_of_stokes"])
+    'drag: slow drag is that of stokes'
+    """
+    if tests is None:
+        return ""
+    if not tests:
+        return "none"
+    file, _, name = tests[0].partition("::")
+    name = name.split("[", 1)[0].removeprefix("test_").replace("_", " ")
+    return f"{file.rsplit('/', 1)[-1].removesuffix('.py').removeprefix('test_')}: {name}"
