@@ -150,10 +150,10 @@ def _resumed(case: Case) -> Comparison:
         with contextlib.suppress(_Killed):
             simulate(case, folder, kill, checkpoint_interval=0.0)
         again = simulate(case, folder, resume=True)
-    names = ("times", "positions", "velocities", "masses")
-    wrong = sum(not np.array_equal(getattr(whole, name), getattr(again, name)) for name in names)
-    wrong += not whole.contacts.equals(again.contacts)
-    wrong += not whole.history.equals(again.history)
+        names = ("times", "positions", "velocities", "masses")
+        wrong = sum(not np.array_equal(getattr(whole, name), getattr(again, name)) for name in names)
+        wrong += not whole.contacts.equals(again.contacts)
+        wrong += not whole.history.equals(again.history)
     return count("changed_records", "", wrong, 0, "of arrays, contacts and history", "killed and resumed")
 
 
