@@ -98,7 +98,7 @@ def quick_order(labels: Sequence[Label]) -> list[Label]:
 
 def run_plan(plan: Plan, store: Store, progress: Progress) -> None:
     """Make every finding that is not there yet."""
-    with tempfile.TemporaryDirectory(prefix="cmpcheck-sensitivity-") as name:
+    with tempfile.TemporaryDirectory(prefix="cmpcheck-sensitivity-", ignore_cleanup_errors=True) as name:
         work = Path(name).resolve()
         with _children(work, plan.jobs) as children:
             if _left(plan, store):
