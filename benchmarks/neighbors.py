@@ -17,7 +17,7 @@ from reference.ledger import empty_ledger
 from reference.neighbors import neighbor_pairs
 from reference.schemes import Numerics
 from reference.state import DEPOSIT_NONE, FLOW_UNIFORM, Model, Particles
-from reference.timestep import DONE, P, advance
+from reference.timestep import DONE, advance, new_progress
 
 D, DENSITY, VISCOSITY, SPACING = 9e-7, 3950.0, 1e-3, 1.35e-6  # 15 % of the cube's volume is solid
 SIZES, BASE = (100, 1_000, 10_000, 100_000), 1_000
@@ -62,7 +62,7 @@ def steps_of(position: np.ndarray, periods: np.ndarray, pairs: int) -> Callable[
 
     def task() -> None:
         scalars, particles = (
-            np.zeros(len(P)),
+            new_progress(),
             Particles(position.copy(), velocity.copy(), mass, diameter, modulus),
         )
         status = advance(model, numerics, scalars, STEPS * STEP, STEPS, particles, np.zeros((0, 0)), rows)

@@ -10,7 +10,7 @@ from benchmarks.outcome import Timed
 from reference.ledger import empty_ledger
 from reference.schemes import Numerics
 from reference.state import Particles, Setup, State
-from reference.timestep import DONE, LEDGER_FULL, P, advance
+from reference.timestep import DONE, LEDGER_FULL, P, advance, new_progress
 
 AT_LEAST = 0.5  # s: a shear with large steps is repeated, from its start, until it has taken that long
 ROWS = 16_384  # of the ledger, as in a simulation
@@ -45,7 +45,7 @@ def step_on(setup: Setup, time_step: float, most: int | None = None) -> tuple[fl
         part.contacts == "iterated", part.ledger_speed,
     )  # fmt: skip
     particles = Particles(*(array.copy() for array in setup.state.particles))
-    heights, scalars = setup.state.heights.copy(), np.zeros(len(P))
+    heights, scalars = setup.state.heights.copy(), new_progress()
     rows = empty_ledger(max(ROWS, 20 * len(particles.mass)))
     scalars[P.step], scalars[P.pad_height] = time_step, setup.state.pad_height
     begin = perf_counter()

@@ -32,6 +32,7 @@ from reference.timestep import (
     STEP_VANISHED,
     P,
     advance,
+    new_progress,
 )
 
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
@@ -201,7 +202,7 @@ class _Recorder:
             ledger_speed=part.ledger_speed,
         )
         self.advance = advance_fast if part.stepper == "fast" else advance
-        self.scalars = np.zeros(len(P))
+        self.scalars = new_progress()
         self.scalars[P.step], self.scalars[P.pad_height] = setup.time_step, setup.state.pad_height
         self.rows = empty_ledger(LEDGER_ROWS)
         self.spool = Spool(checkpoint, len(setup.state.mass))

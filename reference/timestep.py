@@ -27,7 +27,10 @@ SMALLEST_STEP = 1e-9  # of the largest step: below it a restart is given up
 
 
 class Progress(NamedTuple):
-    """Scalars that outlive a call of `advance`, as one array: see its fields' indices below."""
+    """Scalars that outlive a call of `advance`: indices in one array, made by `new_progress`.
+
+    The second half of the array is what the last addition to each sum has rounded off.
+    """
 
     time: int = 0
     pad_height: int = 1
@@ -63,6 +66,11 @@ EPS = float(np.finfo(np.float64).eps)
 ROUNDINGS = 64  # of one particle in one step, in eps: see `round_off`
 
 
+def new_progress():
+    """The array of `Progress` at the start of a run, all zero."""
+    return np.zeros(2 * len(P))
+
+
 @formula
 def wrap(x, period):
     """Position within [0, period); a period of 0 means not periodic."""
@@ -95,15 +103,6 @@ def wildest(velocity):
         if square > fastest:
             worst, fastest = i, square
     return worst
-
-
-@kernel
-def size_of(progress, first, last):
-    """Sum of the magnitudes of the scalars `first` to `last`."""
-    size = 0.0
-    for k in range(first, last + 1):
-        size += abs(progress[k])
-    return size
 
 
 @kernel
@@ -219,7 +218,7 @@ def add(progress, booked, lost):
     Without it 1e8 additions to one number would be off by up to 1e8 u.  `lost` is what the last additions
     have rounded off.
     """
-    for k in range(P.contacts, progress.shape[0]):
+    for k in range(P.contacts, len(P)):
         term = booked[k] - lost[k]
         total = progress[k] + term
         lost[k] = (total - progress[k]) - term
@@ -236,7 +235,7 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """
     n = p.position.shape[0]
     periods = np.array([model.length_x, model.length_y, model.length_z])
-    work, booked, lost = empty_work(n), np.zeros(progress.shape[0]), np.zeros(progress.shape[0])
+    work, booked, lost = empty_work(n), np.zeros(len(P)), progress[len(P) :]
     momentum_before, energy_before = momentum_and_energy(p)
     largest = p.diameter.max() if n > 0 else 0.0
     skin = SKIN * largest
@@ -294,9 +293,6 @@ def advance(model, numerics, progress, t_end, steps_left, p, heights, rows):
         booked[P.momentum_rounding] = round_off(terms, momentum_before + momentum + blows)
         booked[P.energy_rounding] = round_off(terms, 3.0 * (energy_before + energy + violence))
         momentum_before, energy_before = momentum, energy
-        if step == 0:  # `lost` of the call before is lost itself: half a unit in the last place of each sum
-            booked[P.energy_rounding] += EPS * size_of(progress, P.contact_loss, P.fluid_work)
-            booked[P.momentum_rounding] += EPS * size_of(progress, P.fluid_impulse_x, P.pad_impulse_z)
         if model.has_surface and commit_removal(model, heights, rows, used, found):
             highest = heights.max()
         progress[P.rows] = account(numerics, progress, dt, work.descent[0], rows, used, found, booked)

@@ -25,7 +25,7 @@ from cmpcheck.engines.lammps_library import EngineError, available
 from reference.ledger import ledger_frame
 from reference.schemes import Numerics
 from reference.state import DEPOSIT_NODE_DEPTH, FLOW_COUETTE, Particles
-from reference.timestep import DONE, P, advance
+from reference.timestep import DONE, P, advance, new_progress
 
 pytestmark = pytest.mark.skipif(not available()[0], reason=available()[1])
 
@@ -120,7 +120,7 @@ def test_pad_and_surface_descend_as_in_the_reference():
         np.full(n, 3.9e11),
     )  # fmt: skip
     numerics = Numerics(dt, False, 1e-6, 8, False, False, 0.0)
-    progress, rows, theirs = np.zeros(len(P)), np.zeros((4096, len(fix.memory.rows[0]))), [height]
+    progress, rows, theirs = new_progress(), np.zeros((4096, len(fix.memory.rows[0]))), [height]
     progress[P.pad_height] = height
     for step in range(steps):
         assert advance(model, numerics, progress, (step + 1) * dt, 1, p, heights, rows) == DONE

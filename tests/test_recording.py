@@ -192,7 +192,7 @@ def test_a_folder_half_written_is_not_complete(tmp_path, impact, monkeypatch, be
         raise OSError(28, "no space left")
 
     monkeypatch.setattr(recording, "_write_ledger", full)
-    with pytest.raises(OSError, match="(?i)no space left"):
+    with pytest.raises(OSError, match=r"(?i)no space left"):
         impact.save(folder)
     assert (folder / "trajectory.h5").exists()
     assert not (folder / "contacts.parquet").exists() or before

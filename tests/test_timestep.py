@@ -17,7 +17,7 @@ from reference.collisions import empty_work
 from reference.neighbors import neighbor_pairs
 from reference.schemes import Numerics, collide, iterate_fixed_point, step_factor
 from reference.state import DEPOSIT_NONE, DEPOSIT_VOLUME, FLOW_COUETTE, FLOW_NONE, FLOW_UNIFORM, Model
-from reference.timestep import DONE, MAX_SHRINK, MIN_SHRINK, STEP_VANISHED, P, advance, wrap
+from reference.timestep import DONE, MAX_SHRINK, MIN_SHRINK, STEP_VANISHED, P, advance, new_progress, wrap
 
 pytestmark = pytest.mark.nojit
 D, DENSITY, VISCOSITY = 9e-7, 3950.0, 1e-3  # alumina of 0.9 um in a fluid as viscous as water
@@ -54,7 +54,7 @@ class Particles:
         n = len(self.position)
         self.mass, self.diameter, self.modulus = np.full(n, MASS), np.full(n, D), np.full(n, 3.89e11)
         self.heights = np.zeros((0, 0)) if heights is None else heights
-        self.rows, self.scalars = col.empty_ledger(1000), np.zeros(len(P))
+        self.rows, self.scalars = col.empty_ledger(1000), new_progress()
 
     def advance(self, model, duration, time_step, fixed_point=False, first_step=None, **options):
         """Advance by `duration` in steps of at most `time_step`; return the status."""

@@ -84,15 +84,18 @@ def mark(changed, spacing, x, y, reach, step):
 
 
 @kernel
-def book_removals(progress, lost, rows, first, last):
-    """Add the removals of ledger rows first ... last - 1 to the sums of the run, compensated (Kahan)."""
+def book_removals(progress, rows, first, last):
+    """Add the removals of ledger rows first ... last - 1 to the sums of the run, compensated (Kahan).
+
+    What an addition has rounded off is in the second half of `progress`, as in `timestep.add`.
+    """
     for row in range(first, last):
         if rows[row, col.REMOVED_VOLUME] > 0.0:
             progress[P.removals] += 1
             for k in range(3):
                 column = (col.REMOVED_VOLUME, col.REMOVED_MASS, col.DEPTH)[k]
                 total = (P.removed_volume, P.removed_mass, P.depth_sum)[k]
-                term = rows[row, column] - lost[k]
+                term = rows[row, column] - progress[len(P) + total]
                 summed = progress[total] + term
-                lost[k] = (summed - progress[total]) - term
+                progress[len(P) + total] = (summed - progress[total]) - term
                 progress[total] = summed

@@ -409,7 +409,7 @@ def march(
                 for k in range(begin, struck):
                     if rows[k, col.REMOVED_VOLUME] > 0.0:
                         mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], reach, step)
-            book_removals(progress, scratch.lost, rows, begin, struck)
+            book_removals(progress, rows, begin, struck)
         step += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:

@@ -47,7 +47,6 @@ class Scratch(NamedTuple):
     kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
     position: np.ndarray  # (3,), of one particle
     velocity: np.ndarray  # (3,)
-    lost: np.ndarray  # (3,), what the last additions to the sums of removals have rounded off
 
 
 @kernel
@@ -55,7 +54,7 @@ def scratch_of(n):
     """Scratch for n particles, none of them in contact."""
     return Scratch(
         np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.zeros(n),
-        np.empty((n, 6)), np.empty(3), np.empty(3), np.zeros(3),
+        np.empty((n, 6)), np.empty(3), np.empty(3),
     )  # fmt: skip
 
 
