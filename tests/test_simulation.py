@@ -6,15 +6,18 @@ files are `test_recording.py`.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rounding import ROUND, close
 from scipy.spatial.transform import Rotation
 
 from reference import exact
-from reference.case import Case
+from reference.case import Case, load_case
 from reference.heightfield import surface_contact
-from reference.simulation import simulate
+from reference.process import build_setup
+from reference.simulation import simulate, simulate_setup
 
 pytestmark = pytest.mark.nojit
 EPS = np.finfo(float).eps
@@ -386,3 +389,12 @@ def test_a_shift_by_whole_squares_of_the_surface_shifts_the_run():
     close(other.velocities, run.velocities, scale=100.0)
     close(other.surface.z, np.roll(run.surface.z, shift, axis=(0, 1)), scale=1e-6)
     assert np.abs(other.surface.z - run.surface.z).max() > 1e-9
+
+
+def test_a_particle_moves_with_the_velocity_at_the_end_of_the_step():
+    """Implicit Euler: r' = r + dt v', to the bit; with the old velocity v the first step is another one."""
+    setup = build_setup(load_case("drag_relaxation").variants()[0])
+    dt = setup.time_step
+    run = simulate_setup(replace(setup, end_time=dt, output_times=np.array([0.0, dt])))
+    assert (run.positions[1] == run.positions[0] + dt * run.velocities[1]).all()
+    assert (run.velocities[1] != run.velocities[0]).any()
