@@ -19,11 +19,12 @@ from typer.testing import CliRunner
 from cmpcheck import page as report_page
 from cmpcheck.cli import app
 from cmpcheck.components.methods import MODEL_FILES
+from cmpcheck.engines import lammps
 from cmpcheck.outputs import OutputError
 from cmpcheck.planning import QUANTITIES, pilot_spreads
 from cmpcheck.sensitivity import building, document, page, power, pytest_score, words
 from cmpcheck.sensitivity.catalogue import all_mutants, check_names
-from cmpcheck.sensitivity.checks import NO_CASE, Noticed, only_new
+from cmpcheck.sensitivity.checks import COMPONENTS, NO_CASE, Baseline, Noticed, bad_rows, only_new
 from cmpcheck.sensitivity.children import Died
 from cmpcheck.sensitivity.detect import FINE, evaluate, first_noticing, smallest
 from cmpcheck.sensitivity.false_alarms import PAIRS, TRIALS, draws_of, judge, summary
@@ -157,6 +158,16 @@ def test_what_is_left_out_for_an_error_does_not_depend_on_its_file():
         MODEL_FILES
     )
     assert not set(NO_CASE) & (loaded("study") | loaded("compare"))
+
+
+def test_an_error_of_the_fix_is_looked_for_in_the_process_where_it_is_on(tmp_path, monkeypatch):
+    """It is on in this process alone: what a child of it does, it does without the error."""
+    mutant = next(own for own in all_mutants() if own.name == "fix: sampled velocity")
+    here: list[bool] = []
+    monkeypatch.setattr(lammps, "available", lambda: (True, ""))
+    monkeypatch.setattr(lammps.LammpsEngine, "run", lambda self, *_: here.append(self.in_process))
+    assert bad_rows(mutant, 0, mutant.size, [(COMPONENTS, "")], Baseline(tmp_path), tmp_path)
+    assert here == [True]
 
 
 def test_names_are_unique_and_sides_and_sizes_make_sense():

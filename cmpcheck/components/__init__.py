@@ -19,11 +19,13 @@ PARTS = (equations.checks, setup.checks, runs.checks, methods.checks, samples.ch
 ENGINES = ("reference", "lammps")
 
 
-def check_components(changed: str = "", engines: Collection[str] = ENGINES) -> list[Comparison]:
+def check_components(
+    changed: str = "", engines: Collection[str] = ENGINES, in_process: bool = False
+) -> list[Comparison]:
     """Every row; a part that fails is one row with the status `error`.
 
     Parameters: changed, a file of the model: parts that do not depend on it are left out; engines, whose
-    parts are checked.
+    parts are checked; in_process, whether LAMMPS runs in this process, as in `LammpsEngine`.
     """
     rows: list[Comparison] = []
     for part in PARTS:
@@ -32,7 +34,7 @@ def check_components(changed: str = "", engines: Collection[str] = ENGINES) -> l
         if part is methods.checks and changed.startswith("reference/") and changed not in methods.MODEL_FILES:
             continue
         try:
-            rows += part()
+            rows += samples.checks(in_process) if part is samples.checks else part()
         except Exception as problem:  # the other parts go on
             rows.append(failed(part.__module__.rpartition(".")[2], problem))
     return rows

@@ -18,7 +18,7 @@ CASE_OF = "drag_relaxation"
 STEPS = 16
 
 
-def checks() -> list[Comparison]:
+def checks(in_process: bool = False) -> list[Comparison]:
     """The sampled velocities of a sphere in a flow against its sampled positions; none without LAMMPS.
 
     Velocity Verlet moves by r(n+1) - r(n) = dt v(n+1/2), and v(n) lies midway between v(n-1/2) and v(n+1/2):
@@ -28,7 +28,7 @@ def checks() -> list[Comparison]:
     Rounding: LAMMPS rounds two positions on the way and the trajectory two in its unit, each by eps/2 of the
     largest, and their difference is divided by 2 dt; velocities and times round by a few eps.
     """
-    engine = LammpsEngine()
+    engine = LammpsEngine(in_process=in_process)
     if not engine.info().available:
         return []
     case = load_case(CASE_OF)

@@ -167,7 +167,9 @@ def bad_rows(
             rows += _rows_of(mutant, label, on, theirs and asked, baseline, decks)
     if (COMPONENTS, "") in labels:
         with on():
-            rows += check_components("" if mutant is None else mutant.file, _component_engines(mutant))
+            rows += check_components(
+                "" if mutant is None else mutant.file, _component_engines(mutant), in_process=True
+            )  # the error is on in this process only
     return [
         Noticed(
             r.case, r.variant, r.engine, r.quantity, r.status, r.error / r.tolerance if r.tolerance else None
