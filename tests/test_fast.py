@@ -17,7 +17,8 @@ from polish_example import small_polish
 from reference.case import Case, load_case
 from reference.collisions import pair_impulse
 from reference.contact import impact_duration
-from reference.fast.pairs import hertz_durations, impulse_on_first
+from reference.fast.ceiling import ceiling_over, highest_node
+from reference.fast.pairs import LANES, B, batch, durations, guess_durations, impulse_on_first
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup
@@ -208,14 +209,30 @@ def test_the_short_form_of_an_impulse_is_that_of_the_equations(
 
 def test_durations_by_newton_are_those_of_the_power():
     """Over thirty decades of q; the last of Newton's steps leaves its own round-off, some 8 eps."""
-    speeds = np.logspace(-12, 3, 301)
     radius, modulus, mass = 2e-7, 1.9e11, 7e-16
-    q = radius * modulus**2 * speeds / mass**2
-    result = np.empty_like(q)
-    hertz_durations(q, q.view(np.int64), result, result.view(np.int64), len(q))
-    np.testing.assert_allclose(
-        result, impact_duration(mass, radius, modulus, speeds), rtol=16 * EPS, atol=0.0
-    )
+    contacts = batch()
+    for speeds in np.logspace(-12, 3, 20 * LANES).reshape(-1, LANES):
+        contacts[B.hertz : B.hertz + LANES] = radius * modulus**2 * speeds / mass**2
+        guess_durations(contacts.view(np.int64), LANES)
+        durations(contacts, LANES)
+        np.testing.assert_allclose(
+            contacts[B.duration : B.duration + LANES], impact_duration(mass, radius, modulus, speeds),
+            rtol=16 * EPS, atol=0.0,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(("shape", "reach"), [((7, 5), 0.9), ((7, 5), 2.0), ((4, 3), 6.3), ((1, 6), 1.5)])
+def test_the_ceiling_is_the_highest_node_that_a_sphere_within_reach_can_touch(shape, reach):
+    """Squares of side 1 that a sphere over the square overlaps, at most `reach` away, with their four nodes."""
+    heights = np.random.default_rng(3).normal(size=shape)
+    found = ceiling_over(heights, 1.0, reach)
+    span = int(np.ceil(reach))
+    assert found.reach == span
+    for a, b in np.ndindex(shape):
+        rows = np.arange(a - span, a + span + 2) % shape[0]
+        columns = np.arange(b - span, b + span + 2) % shape[1]
+        assert found.height[a, b] == heights[np.ix_(rows, columns)].max()
+    assert heights[highest_node(heights)] == heights.max()
 
 
 BARE = """

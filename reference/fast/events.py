@@ -10,13 +10,15 @@ import math
 
 from reference import ledger as col
 from reference.collisions import (
+    compression_impulse,
     drag_on,
+    duration_of,
     impact_energy_lost,
     pair_impulse,
     record_pair_contact,
     strike_surface,
 )
-from reference.compiled import kernel
+from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
 from reference.timestep import P
@@ -63,14 +65,28 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows,
     return row
 
 
+@inlined
+def bounce(model, dt, mass, radius, modulus, closing, acceleration):
+    """Impulse (N s) of the surface on a particle that comes down at `closing` > 0 (m/s), and duration (s).
+
+    What `strike` finds where nothing is removed; `acceleration` is that of the drag along the normal, m/s2.
+    """
+    duration = duration_of(model, mass, radius, effective_modulus(modulus, model.surface_modulus), closing)
+    external = compression_impulse(mass * acceleration, duration, dt, model.restitution)
+    return surface_normal_impulse(mass, -closing, model.restitution, external), duration
+
+
 @kernel
-def strike(model, dt, time, pad_height, heights, s, i, hit, position, velocity, rows, row):
+def strike(
+    model, dt, time, pad_height, i, hit, x, y, z, vx, vy, vz, mass, radius, modulus, heights, position,
+    velocity, rows, row,
+):  # fmt: skip
     """Fill ledger row `row` with the impact of particle i on the surface."""
-    position[0], position[1], position[2] = s.x[i], s.y[i], s.z[i]
-    velocity[0], velocity[1], velocity[2] = s.vx[i], s.vy[i], s.vz[i]
+    position[0], position[1], position[2] = x, y, z
+    velocity[0], velocity[1], velocity[2] = vx, vy, vz
     strike_surface(
-        model, dt, time, pad_height, i, hit, position, velocity, s.mass[i], 2.0 * s.radius[i], s.modulus[i],
-        heights, rows[row],
+        model, dt, time, pad_height, i, hit, position, velocity, mass, 2.0 * radius, modulus, heights,
+        rows[row],
     )  # fmt: skip
 
 

@@ -40,31 +40,22 @@ class Origin(NamedTuple):
 
 
 class Lists(NamedTuple):
-    """Room for as many pairs as are in the wide list, P."""
+    """Room for as many pairs as are in the wide list, P.
+
+    Numbers of particles are unsigned: of others compiled code asks at each use whether they are negative.
+    """
 
     wide: np.ndarray  # (P, 2), particles
     narrow: np.ndarray  # (P, 2), particles of those that are nearly touching
+    reach: np.ndarray  # (P,), square of the distance at which these touch, m2
     rigid: np.ndarray  # (P,), their R E*^2, m Pa2
-    meeting: np.ndarray  # (P + 1,), indices in `narrow` of those in contact, and room for one that is not
-    first: np.ndarray  # (P,), particles of those in contact
-    second: np.ndarray  # (P,)
-    contact: np.ndarray  # (P, 11): n_ij, v_ij, relative acceleration, m*, separation speed
-    hertz: np.ndarray  # (P,), R E*^2 v/m*^2
-    hertz_bits: np.ndarray  # (P,), the same memory as integers
-    duration: np.ndarray  # (P,), s
-    duration_bits: np.ndarray  # (P,), the same memory as integers
 
 
 @kernel
 def lists_of(wide):
     """Lists for a wide list of pairs."""
-    p = wide.shape[0]
-    hertz, duration = np.empty(p), np.empty(p)
-    return Lists(
-        wide, np.empty((p, 2), np.int64), np.empty(p), np.empty(p + 1, np.int64), np.empty(p, np.int64),
-        np.empty(p, np.int64), np.empty((p, 11)), hertz, hertz.view(np.int64), duration,
-        duration.view(np.int64),
-    )  # fmt: skip
+    pairs = wide.shape[0]
+    return Lists(wide.astype(np.uint32), np.empty((pairs, 2), np.uint32), np.empty(pairs), np.empty(pairs))
 
 
 @vectorised
@@ -130,23 +121,27 @@ def farthest(s, origin, periods):
 
 
 @kernel
-def list_narrow(s, wide, skin, periods, narrow, rigid):
-    """Write those of the wide pairs that are closer than touching and `skin` to `narrow`; return how many.
+def list_narrow(s, lists, skin, periods):
+    """List the wide pairs that are closer than touching and `skin` as narrow ones; return how many.
 
-    Their R E*^2 (m Pa2) goes to `rigid`: what Hertz's duration needs of a pair that does not change.
+    Of each R E*^2 is kept: what Hertz's duration needs of a pair that does not change.
     """
-    found = 0
+    wide, narrow, found = lists.wide, lists.narrow, 0
+    half_x = 0.5 * periods[0] if periods[0] > 0.0 else math.inf
+    half_y = 0.5 * periods[1] if periods[1] > 0.0 else math.inf
+    half_z = 0.5 * periods[2] if periods[2] > 0.0 else math.inf
     for pair in range(wide.shape[0]):
         i, j = wide[pair, 0], wide[pair, 1]
-        dx = minimum_image(s.x[j] - s.x[i], periods[0])
-        dy = minimum_image(s.y[j] - s.y[i], periods[1])
-        dz = minimum_image(s.z[j] - s.z[i], periods[2])
+        dx = nearest_image(s.x[j] - s.x[i], periods[0], half_x)
+        dy = nearest_image(s.y[j] - s.y[i], periods[1], half_y)
+        dz = nearest_image(s.z[j] - s.z[i], periods[2], half_z)
         touching = s.radius[i] + s.radius[j]
         reach = touching + skin
         if dx * dx + dy * dy + dz * dz < reach * reach:
             narrow[found, 0], narrow[found, 1] = i, j
             modulus = effective_modulus(s.modulus[i], s.modulus[j])
-            rigid[found] = s.radius[i] * s.radius[j] / touching * modulus * modulus
+            lists.reach[found] = touching * touching
+            lists.rigid[found] = s.radius[i] * s.radius[j] / touching * modulus * modulus
             found += 1
     return found
 

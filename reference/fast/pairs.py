@@ -1,37 +1,115 @@
-"""Contacts of pairs, all of one step together: durations as vector instructions, impulses in short form.
+"""Contacts of pairs, up to LANES of one step together, as vector instructions.
 
 The equations are those of `collisions.pair_impulse`, in terms of the effective mass m* and of the relative
 acceleration a = E_i/m_i - E_j/m_j alone; tests hold the two against each other.
+
+A batch is one flat array, LANES numbers for each quantity of `Batch`: at distances that the compiler knows
+it sees that nothing overlaps.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from reference.collisions import drag_on
-from reference.compiled import inlined
+from reference.compiled import inlined, kernel
 from reference.contact import HERTZ
 from reference.fast.sweep import vectorised
 from reference.state import FLOW_COUETTE
 
+LANES, REGISTER = 16, 8  # contacts of a batch, and doubles in a vector register
 # bits(q^(-1/5)) is nearly this minus bits(q)/5, within 3.2 %; each of Newton's steps takes e to 3 e^2
 ROOT_BITS = int((1.2 * 1023 - 0.059) * 2.0**52)
 
 
-@vectorised
-def hertz_durations(q, bits, result, guess, count):
-    """Durations 2.87 q^(-1/5) of the first `count` contacts, q = R E*^2 v/m*^2 > 0: `impact_duration`, s.
+class Batch(NamedTuple):
+    """Where in a batch the first lane of a quantity is; i and j are the particles of a contact."""
 
-    `bits` are those of q, seen as integers, `guess` those of `result`: there Newton's iteration starts.
-    """
-    for k in range(count):
-        guess[k] = ROOT_BITS - int(0.2 * bits[k])
-    for k in range(count):
-        y, x = result[k], 0.2 * q[k]
+    nx: int = 0 * LANES  # way from i to j, m; then the unit vector
+    ny: int = 1 * LANES
+    nz: int = 2 * LANES
+    vx: int = 3 * LANES  # v_j - v_i, m/s
+    vy: int = 4 * LANES
+    vz: int = 5 * LANES
+    ax: int = 6 * LANES  # E_i/m_i - E_j/m_j, m/s2
+    ay: int = 7 * LANES
+    az: int = 8 * LANES
+    mass_i: int = 9 * LANES  # kg
+    mass_j: int = 10 * LANES
+    rigid: int = 11 * LANES  # R E*^2, m Pa2
+    m_eff: int = 12 * LANES  # kg
+    separation: int = 13 * LANES  # component of v along n, m/s
+    hertz: int = 14 * LANES  # R E*^2 v/m*^2
+    duration: int = 15 * LANES  # s
+    jx: int = 16 * LANES  # impulse that i receives, N s
+    jy: int = 17 * LANES
+    jz: int = 18 * LANES
+
+
+B = Batch()
+
+
+@kernel
+def batch():
+    """Room for one batch."""
+    return np.ones(len(B) * LANES)
+
+
+@inlined
+def fill_up(c, met):
+    """Have the lanes that are left of the last vector register repeat the first; return how many are used."""
+    lanes = (met + REGISTER - 1) // REGISTER * REGISTER
+    for k in range(met, lanes):
+        for row in range(B.m_eff // LANES):
+            c[row * LANES + k] = c[row * LANES]
+    return lanes
+
+
+@vectorised
+def approach(c, lanes):
+    """Unit vectors, effective masses, speeds of separation, and what Hertz's duration depends on."""
+    for k in range(lanes):
+        dx, dy, dz = c[B.nx + k], c[B.ny + k], c[B.nz + k]
+        per_distance = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+        nx, ny, nz = dx * per_distance, dy * per_distance, dz * per_distance
+        m_eff = c[B.mass_i + k] * c[B.mass_j + k] / (c[B.mass_i + k] + c[B.mass_j + k])
+        separation = c[B.vx + k] * nx + c[B.vy + k] * ny + c[B.vz + k] * nz
+        c[B.nx + k], c[B.ny + k], c[B.nz + k] = nx, ny, nz
+        c[B.m_eff + k], c[B.separation + k] = m_eff, separation
+        c[B.hertz + k] = -c[B.rigid + k] * separation / (m_eff * m_eff)
+
+
+@vectorised
+def guess_durations(bits, lanes):
+    """q^(-1/5) within some percent, from bits of numbers seen as integers: there Newton's iteration starts."""
+    for k in range(lanes):
+        bits[B.duration + k] = ROOT_BITS - int(0.2 * bits[B.hertz + k])
+
+
+@vectorised
+def durations(c, lanes):
+    """Durations 2.87 q^(-1/5), q = R E*^2 v/m*^2 > 0: `impact_duration`, s."""
+    for k in range(lanes):
+        y, x = c[B.duration + k], 0.2 * c[B.hertz + k]
         for _ in range(4):
             square = y * y
             y *= 1.2 - x * (square * square * y)
-        result[k] = HERTZ * y
+        c[B.duration + k] = HERTZ * y
+
+
+@vectorised
+def impulses(c, lanes, restitution, static_friction, dynamic_friction, dt):
+    """Impulses that the first particles receive."""
+    for k in range(lanes):
+        within = c[B.duration + k]
+        c[B.jx + k], c[B.jy + k], c[B.jz + k] = impulse_on_first(
+            restitution, static_friction, dynamic_friction, c[B.m_eff + k], within if within < dt else dt,
+            c[B.separation + k], c[B.nx + k], c[B.ny + k], c[B.nz + k], c[B.vx + k], c[B.vy + k], c[B.vz + k],
+            c[B.ax + k], c[B.ay + k], c[B.az + k],
+        )  # fmt: skip
 
 
 @inlined
@@ -59,23 +137,24 @@ def impulse_on_first(
     """
     a_n = ax * nx + ay * ny + az * nz
     pushed = a_n * within
-    normal = max(0.0, m_eff * (pushed - (1.0 + restitution) * separation))
+    normal = m_eff * (pushed - (1.0 + restitution) * separation)
+    normal = normal if normal > 0.0 else 0.0
     along = separation - pushed
     wx, wy, wz = vx - within * ax - along * nx, vy - within * ay - along * ny, vz - within * az - along * nz
     slip = math.sqrt(wx * wx + wy * wy + wz * wz)
-    factor = m_eff
-    if m_eff * slip > static_friction * normal:
-        factor = dynamic_friction * normal / slip
+    factor = dynamic_friction * normal / slip if m_eff * slip > static_friction * normal else m_eff
     return factor * wx - normal * nx, factor * wy - normal * ny, factor * wz - normal * nz
 
 
 @inlined
-def acceleration(model, nonlinear, shear, pad_height, drag, mass, radius, z, vx, vy, vz):
-    """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2."""
+def acceleration(model, nonlinear, shear, pad_height, rate, mass, radius, z, vx, vy, vz):
+    """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2.
+
+    `rate` is k/m of Stokes's drag, 1/s.
+    """
     if nonlinear:
         ex, ey, ez = drag_on(model, pad_height, z, vx, vy, vz, 2.0 * radius)
         return ex / mass, ey / mass, ez / mass
-    rate = drag / mass
     if model.flow == FLOW_COUETTE:
         return rate * (shear * z - vx), -rate * vy, -rate * vz
     return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)

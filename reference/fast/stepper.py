@@ -16,7 +16,8 @@ from reference import ledger as col
 from reference.collisions import commit_removal
 from reference.compiled import inlined, kernel
 from reference.contact import surface_normal_impulse
-from reference.fast.events import book_removals, mark, record_pad, record_pair, strike
+from reference.fast.ceiling import REMAP, ceiling_over, highest_node, raise_ceiling
+from reference.fast.events import book_removals, bounce, mark, record_pad, record_pair, strike
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -29,7 +30,17 @@ from reference.fast.near import (
     mean,
     nearest_image,
 )
-from reference.fast.pairs import acceleration, hertz_durations, impulse_on_first
+from reference.fast.pairs import (
+    LANES,
+    B,
+    acceleration,
+    approach,
+    batch,
+    durations,
+    fill_up,
+    guess_durations,
+    impulses,
+)
 from reference.fast.swarm import adapt, bring_back, scratch_of, swarm_of
 from reference.fast.sweep import (
     fast_on_pad,
@@ -37,12 +48,23 @@ from reference.fast.sweep import (
     glide_sheared,
     glide_under_pad,
     glide_upright,
+    highest_of,
     wrap_upright,
 )
-from reference.fast.watch import HORIZON, MARGIN, insert, look, look_closely, remove, velocity_box, watch_all
+from reference.fast.watch import (
+    HORIZON,
+    MARGIN,
+    SAFETY,
+    insert,
+    look,
+    look_closely,
+    remove,
+    velocity_box,
+    watch_all,
+)
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.schemes import solve_particle
-from reference.state import FLOW_COUETTE
+from reference.state import DEPOSIT_NONE, FLOW_COUETTE
 from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLOWEST, P, wrap
 
 AHEAD = 32  # steps for which the surroundings of a particle are searched
@@ -67,6 +89,7 @@ class Run(NamedTuple):
     near: int = 6  # pairs in the narrow list
     nonlinear: int = 7  # particles whose drag may not be linear
     fresh: int = 8  # 1 where the wide list has just been made
+    mapped: int = 9  # step in which the map of the surface's maxima was made
 
 
 R = Run()
@@ -81,15 +104,17 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     s, w = swarm_of(model, dt, p), watch_all(n, heights.shape)
     periods = np.array([model.length_x, model.length_y, model.length_z])
     largest = p.diameter.max() if n > 0 else 0.0
+    fastest_flow = max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
+    ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + (1.0 + MARGIN) * AHEAD * dt * fastest_flow)
     origin = Origin(np.empty(n), np.empty(n), np.empty(n))
     lists = lists_of(np.empty((0, 2), np.int64))
-    scratch = scratch_of(n)
+    scratch = scratch_of(n, batch())
     run = np.zeros(len(R))
     run[R.left], run[R.spent] = -1.0, math.inf
     while True:
         status = march(
             model, numerics, progress, t_start, dt, steps_left, largest, periods, s, w, origin, lists,
-            scratch, run, heights, rows,
+            ceiling, scratch, run, heights, rows,
         )  # fmt: skip
         if status != RELIST:
             break
@@ -109,29 +134,29 @@ def keep(special, kept, k, i, x, y, z, vx, vy, vz):
 
 @loop
 def march(
-    model, numerics, progress, t_start, dt, last_step, largest, periods, s, w, origin, lists, scratch, run,
-    heights, rows,
+    model, numerics, progress, t_start, dt, last_step, largest, periods, s, w, origin, lists, ceiling,
+    scratch, run, heights, rows,
 ):  # fmt: skip
     """Make steps until all are made, or until something is in the way; see `advance_fast`.
 
     No array is made here: Numba would count references to it at every step.
     """
-    n = scratch.touched.shape[0]
+    n = scratch.special.shape[0]
     x, y, z, vx, vy, vz, mass, radius = s.x, s.y, s.z, s.vx, s.vy, s.vz, s.mass, s.radius
-    drag, yielding, under_pad, jx, jy, jz = s.drag, s.yielding, s.under_pad, s.jx, s.jy, s.jz
-    due, after, before, first, box = w.due, w.after, w.before, w.first, w.box
+    drag, rate, yielding, under_pad, jx, jy, jz = s.drag, s.rate, s.yielding, s.under_pad, s.jx, s.jy, s.jz
+    due, after, before, first, box, pace = w.due, w.after, w.before, w.first, w.box, w.pace
     renewed, nonlinear, close, number = w.renewed, w.nonlinear, w.close, w.number
     until, looked, changed, looked_x, looked_y = w.until, w.looked, w.changed, w.looked_x, w.looked_y
-    narrow, rigid, first_of, second_of = lists.narrow, lists.rigid, lists.first, lists.second
-    contact, hertz, duration, meeting = lists.contact, lists.hertz, lists.duration, lists.meeting
-    hertz_bits, duration_bits = lists.hertz_bits, lists.duration_bits
+    narrow, reach, rigid = lists.narrow, lists.reach, lists.rigid
+    meeting, c, bits = scratch.meeting, scratch.batch, scratch.bits
     touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
     gained, kept = scratch.gained, scratch.kept
     position, velocity = scratch.position, scratch.velocity
     half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
     half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
     half_z = 0.5 * model.length_z if model.length_z > 0.0 else math.inf
-    highest = heights.max() if model.has_surface else 0.0
+    top_x, top_y = highest_node(heights)
+    highest = heights[top_x, top_y] if model.has_surface else 0.0
     skin = NARROW * largest
     room = WIDE * largest - skin
     left, spent, speed = run[R.left], run[R.spent], run[R.speed]
@@ -144,6 +169,11 @@ def march(
     slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
     crossing = min(2.0 * half_x, 2.0 * half_y)
     crossing_z = 2.0 * half_z
+    remarkable = numerics.ledger_speed  # speed from which an impact removes or is noted
+    if model.deposit != DEPOSIT_NONE:
+        remarkable = min(remarkable, model.threshold_velocity)
+    above, mapped, way = ceiling.height, run[R.mapped], AHEAD * dt
+    around = SAFETY * ceiling.reach - 0.5 * largest
     pad_height = progress[P.pad_height]
     status, step, row = DONE, int(run[R.step]), int(progress[P.rows])
     begin_step = step
@@ -163,20 +193,23 @@ def march(
                 if not spent <= room:
                     status = RELIST
                     break
-            fresh = False
-            mean_x, mean_y = mean(vx, n), mean(vy, n)
-            near = list_narrow(s, lists.wide, skin, periods, narrow, rigid)
-            left, speed = skin, 0.0
-            for i in range(n):
-                one = fastest(
-                    box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
-                )
-                speed = max(speed, one)
+            if fresh:
+                mean_x, mean_y = mean(vx, n), mean(vy, n)
+                for i in range(n):
+                    pace[i] = fastest(
+                        box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
+                    )
+                fresh = False
+            near = list_narrow(s, lists, skin, periods)
+            left, speed = skin, highest_of(pace)
         else:
             left -= 2.0 * dt * speed
         if row + near + 2 * n > rows.shape[0]:
             status = LEDGER_FULL
             break
+        if model.has_surface and step >= mapped + REMAP:
+            raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), above, ceiling.across)
+            mapped = step
         n_touched, n_special, begin = 0, 0, row
 
         # bounds for those whose time is up, and their contacts with the surface
@@ -195,21 +228,26 @@ def march(
                 box[i, 0], box[i, 1], box[i, 2] = x_low, x_high, y_low
                 box[i, 3], box[i, 4], box[i, 5] = y_high, z_low, z_high
                 renewed[i] = step + HORIZON - AHEAD - 1
-                one = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
-                speed = max(speed, one)
-                above = 4.0 * radius[i] * radius[i] * slip > slip_limit
+                pace[i] = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
+                speed = max(speed, pace[i])
+                over = 4.0 * radius[i] * radius[i] * slip > slip_limit
                 # nor can the sweep wrap a particle that crosses the box in one step
-                above = above or dt * max(x_high, -x_low, y_high, -y_low) >= crossing
-                above = above or dt * max(z_high, -z_low) >= crossing_z
-                if above != nonlinear[i]:
-                    nonlinear[i] = above
-                    some_nonlinear += 1 if above else -1
+                over = over or dt * max(x_high, -x_low, y_high, -y_low) >= crossing
+                over = over or dt * max(z_high, -z_low) >= crossing_z
+                if over != nonlinear[i]:
+                    nonlinear[i] = over
+                    some_nonlinear += 1 if over else -1
             steps = AHEAD
             if model.has_surface:
                 a = min(int(x[i] / model.spacing), changed.shape[0] - 1)
                 b = min(int(y[i] / model.spacing), changed.shape[1] - 1)
+                clear = z[i] - radius[i] + way * min(z_low, 0.0) >= above[a, b]
+                clear = clear and way * max(x_high, -x_low, y_high, -y_low) <= around
                 again = again and step <= until[i] and changed[a, b] < looked[i]
-                if again and abs(x[i] - looked_x[i]) < half_x and abs(y[i] - looked_y[i]) < half_y:
+                touching = False
+                if clear:
+                    until[i] = -1
+                elif again and abs(x[i] - looked_x[i]) < half_x and abs(y[i] - looked_y[i]) < half_y:
                     touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
                         heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
@@ -221,12 +259,28 @@ def march(
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
                     )  # fmt: skip
                     until[i], looked[i], looked_x[i], looked_y[i] = step + others, step, x[i], y[i]
-                if touching and vx[i] * nx + vy[i] * ny + vz[i] * nz < 0.0:
-                    strike(
-                        model, dt, time, pad_height, heights, s, i, (nx, ny, nz, qx, qy, qz), position,
-                        velocity, rows, row,
-                    )  # fmt: skip
-                    normal = rows[row, col.NORMAL_IMPULSE]
+                closing = -(vx[i] * nx + vy[i] * ny + vz[i] * nz) if touching else 0.0
+                if closing > 0.0:
+                    if closing >= remarkable:
+                        strike(
+                            model, dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), x[i], y[i], z[i],
+                            vx[i], vy[i], vz[i], mass[i], radius[i], s.modulus[i], heights, position,
+                            velocity, rows, row,
+                        )  # fmt: skip
+                        normal, lasting = rows[row, col.NORMAL_IMPULSE], rows[row, col.DURATION]
+                        removes = rows[row, col.REMOVED_VOLUME] > 0.0
+                        if removes and model.mass_pickup:
+                            gained[i] = rows[row, col.REMOVED_MASS]
+                        if removes or closing >= numerics.ledger_speed:
+                            row += 1
+                    else:
+                        ax, ay, az = acceleration(
+                            model, nonlinear[i], shear, pad_height, rate[i], mass[i], radius[i], z[i],
+                            vx[i], vy[i], vz[i],
+                        )  # fmt: skip
+                        normal, lasting = bounce(
+                            model, dt, mass[i], radius[i], s.modulus[i], closing, ax * nx + ay * ny + az * nz
+                        )
                     jx[i] += normal * nx
                     jy[i] += normal * ny
                     jz[i] += normal * nz
@@ -234,83 +288,73 @@ def march(
                     touch_step[i] = step
                     touched[n_touched] = i
                     n_touched += 1
-                    if rows[row, col.APPROACH_SPEED] > SLOWEST:
-                        longest = max(longest, rows[row, col.DURATION])
-                    removes = rows[row, col.REMOVED_VOLUME] > 0.0
-                    if removes and model.mass_pickup:
-                        gained[i] = rows[row, col.REMOVED_MASS]
-                    if removes or rows[row, col.APPROACH_SPEED] >= numerics.ledger_speed:
-                        row += 1
+                    if closing > SLOWEST:
+                        longest = max(longest, lasting)
             insert(due, after, before, first, i, step + 1 + steps)
             i = following
         struck = row
 
-        # contacts of pairs
-        met = 0
-        for pair in range(near):  # without branches: whether two touch is hard to foretell
-            i, j = narrow[pair, 0], narrow[pair, 1]
-            dx = nearest_image(x[j] - x[i], model.length_x, half_x)
-            dy = nearest_image(y[j] - y[i], model.length_y, half_y)
-            dz = nearest_image(z[j] - z[i], model.length_z, half_z)
-            reach = radius[i] + radius[j]
-            closing = (vx[j] - vx[i]) * dx + (vy[j] - vy[i]) * dy + (vz[j] - vz[i]) * dz
-            meeting[met] = pair
-            met += int((dx * dx + dy * dy + dz * dz < reach * reach) & (closing < 0.0))
-        for k in range(met):
-            pair = meeting[k]
-            i, j = narrow[pair, 0], narrow[pair, 1]
-            dx = nearest_image(x[j] - x[i], model.length_x, half_x)
-            dy = nearest_image(y[j] - y[i], model.length_y, half_y)
-            dz = nearest_image(z[j] - z[i], model.length_z, half_z)
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            nx, ny, nz = dx / distance, dy / distance, dz / distance
-            wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
-            separation = wx * nx + wy * ny + wz * nz
-            ax, ay, az = acceleration(
-                model, nonlinear[i], shear, pad_height, drag[i], mass[i], radius[i], z[i], vx[i], vy[i], vz[i]
-            )
-            bx, by, bz = acceleration(
-                model, nonlinear[j], shear, pad_height, drag[j], mass[j], radius[j], z[j], vx[j], vy[j], vz[j]
-            )
-            m_eff = mass[i] * mass[j] / (mass[i] + mass[j])
-            hertz[k] = -rigid[pair] * separation / (m_eff * m_eff)
-            first_of[k], second_of[k] = i, j
-            contact[k, 0], contact[k, 1], contact[k, 2] = nx, ny, nz
-            contact[k, 3], contact[k, 4], contact[k, 5] = wx, wy, wz
-            contact[k, 6], contact[k, 7], contact[k, 8] = ax - bx, ay - by, az - bz
-            contact[k, 9], contact[k, 10] = m_eff, separation
-        if model.impact_duration > 0.0:
+        # contacts of pairs, in batches
+        pair = 0
+        while pair < near:
+            met = 0
+            while pair < near and met < LANES:  # without branches: whether two touch is hard to foretell
+                i, j = narrow[pair, 0], narrow[pair, 1]
+                dx = nearest_image(x[j] - x[i], model.length_x, half_x)
+                dy = nearest_image(y[j] - y[i], model.length_y, half_y)
+                dz = nearest_image(z[j] - z[i], model.length_z, half_z)
+                wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
+                k = np.uint32(met)
+                meeting[k] = pair
+                c[B.nx + k], c[B.ny + k], c[B.nz + k] = dx, dy, dz
+                c[B.vx + k], c[B.vy + k], c[B.vz + k] = wx, wy, wz
+                touching = dx * dx + dy * dy + dz * dz < reach[pair]
+                met += int(touching & (wx * dx + wy * dy + wz * dz < 0.0))
+                pair += 1
+            if met == 0:
+                break
             for k in range(met):
-                duration[k] = model.impact_duration
-        else:
-            hertz_durations(hertz, hertz_bits, duration, duration_bits, met)
-        contacts += met
-        for k in range(met):
-            i, j, separation = first_of[k], second_of[k], contact[k, 10]
-            gx, gy, gz = impulse_on_first(
-                model.restitution, model.static_friction, model.dynamic_friction, contact[k, 9],
-                min(duration[k], dt), separation, contact[k, 0], contact[k, 1], contact[k, 2],
-                contact[k, 3], contact[k, 4], contact[k, 5], contact[k, 6], contact[k, 7], contact[k, 8],
-            )  # fmt: skip
-            jx[i] += gx
-            jy[i] += gy
-            jz[i] += gz
-            jx[j] -= gx
-            jy[j] -= gy
-            jz[j] -= gz
-            if touch_step[i] != step:
-                touch_step[i] = step
+                i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
+                ax, ay, az = acceleration(
+                    model, nonlinear[i], shear, pad_height, rate[i], mass[i], radius[i], z[i],
+                    vx[i], vy[i], vz[i],
+                )  # fmt: skip
+                bx, by, bz = acceleration(
+                    model, nonlinear[j], shear, pad_height, rate[j], mass[j], radius[j], z[j],
+                    vx[j], vy[j], vz[j],
+                )  # fmt: skip
+                c[B.ax + k], c[B.ay + k], c[B.az + k] = ax - bx, ay - by, az - bz
+                c[B.mass_i + k], c[B.mass_j + k], c[B.rigid + k] = mass[i], mass[j], rigid[meeting[k]]
+            lanes = fill_up(c, met)
+            approach(c, lanes)
+            if model.impact_duration > 0.0:
+                for k in range(lanes):
+                    c[B.duration + k] = model.impact_duration
+            else:
+                guess_durations(bits, lanes)
+                durations(c, lanes)
+            impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, dt)
+            contacts += met
+            for k in range(met):
+                i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
+                closing = -c[B.separation + k]
+                jx[i] += c[B.jx + k]
+                jy[i] += c[B.jy + k]
+                jz[i] += c[B.jz + k]
+                jx[j] -= c[B.jx + k]
+                jy[j] -= c[B.jy + k]
+                jz[j] -= c[B.jz + k]
                 touched[n_touched] = i
-                n_touched += 1
-            if touch_step[j] != step:
-                touch_step[j] = step
+                n_touched += int(touch_step[i] != step)
+                touch_step[i] = step
                 touched[n_touched] = j
-                n_touched += 1
-            if -separation > SLOWEST:
-                longest = max(longest, duration[k])
-            if -separation >= numerics.ledger_speed:
-                record_pair(model, dt, time, pad_height, s, i, j, rows[row])
-                row += 1
+                n_touched += int(touch_step[j] != step)
+                touch_step[j] = step
+                if closing > SLOWEST:
+                    longest = max(longest, c[B.duration + k])
+                if closing >= numerics.ledger_speed:
+                    record_pair(model, dt, time, pad_height, s, i, j, rows[row])
+                    row += 1
 
         # the pad, of those in contact; their velocities before drag
         recorded = 0.0
@@ -322,10 +366,12 @@ def march(
             i = touched[k]
             if model.has_pad:
                 under_pad[i] = -math.inf
-                if z[i] + radius[i] > pad_height and vz[i] + descent > 0.0:
-                    jz[i] -= surface_normal_impulse(mass[i], -(vz[i] + descent), model.pad_restitution)
-                    contacts += 1
-            wx, wy, wz = vx[i] + jx[i] / mass[i], vy[i] + jy[i] / mass[i], vz[i] + jz[i] / mass[i]
+                meets = (z[i] + radius[i] > pad_height) & (vz[i] + descent > 0.0)
+                push = surface_normal_impulse(mass[i], -(vz[i] + descent), model.pad_restitution)
+                jz[i] -= push if meets else 0.0
+                contacts += int(meets)
+            per_mass = 1.0 / mass[i]
+            wx, wy, wz = vx[i] + jx[i] * per_mass, vy[i] + jy[i] * per_mass, vz[i] + jz[i] * per_mass
             # the contacts may have made it so fast that its drag is not linear, at either end of its way
             here, there = flow_x + shear * z[i] - wx, flow_x + shear * (z[i] + dt * wz) - wx
             slip = max(here * here, there * there) + (flow_y - wy) ** 2 + (flow_z - wz) ** 2
@@ -386,10 +432,10 @@ def march(
         for k in range(n_touched):
             i = touched[k]
             jx[i], jy[i], jz[i], under_pad[i] = 0.0, 0.0, 0.0, radius[i]
-            inside_x = box[i, 0] <= vx[i] and vx[i] <= box[i, 1]
-            inside_y = box[i, 2] <= vy[i] and vy[i] <= box[i, 3]
-            inside_z = box[i, 4] <= vz[i] and vz[i] <= box[i, 5]
-            if not (inside_x and inside_y and inside_z) and status == DONE:
+            inside = (box[i, 0] <= vx[i]) & (vx[i] <= box[i, 1])
+            inside &= (box[i, 2] <= vy[i]) & (vy[i] <= box[i, 3])
+            inside &= (box[i, 4] <= vz[i]) & (vz[i] <= box[i, 5])
+            if not inside and status == DONE:
                 if due[i] != step + 1:
                     remove(due, after, before, first, i)
                     insert(due, after, before, first, i, step + 1)
@@ -404,11 +450,13 @@ def march(
             break
         if struck > begin:
             if commit_removal(model, heights, rows, begin, struck):
-                highest = heights.max()
-                reach = int(largest / model.spacing) + 2
+                if heights[top_x, top_y] < highest:
+                    top_x, top_y = highest_node(heights)
+                    highest = heights[top_x, top_y]
+                squares = int(largest / model.spacing) + 2
                 for k in range(begin, struck):
                     if rows[k, col.REMOVED_VOLUME] > 0.0:
-                        mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], reach, step)
+                        mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], squares, step)
             book_removals(progress, rows, begin, struck)
         step += 1
         progress[P.time] = t_start + step * dt
@@ -416,7 +464,7 @@ def march(
             pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
     run[R.step], run[R.left], run[R.spent], run[R.speed] = step, left, spent, speed
     run[R.mean_x], run[R.mean_y], run[R.near], run[R.nonlinear] = mean_x, mean_y, near, some_nonlinear
-    run[R.fresh] = 1.0 if fresh else 0.0
+    run[R.fresh], run[R.mapped] = 1.0 if fresh else 0.0, mapped
     progress[P.rows] = row
     progress[P.steps] += step - begin_step
     progress[P.contacts] += contacts

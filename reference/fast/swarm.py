@@ -30,6 +30,7 @@ class Swarm(NamedTuple):
     radius: np.ndarray  # m
     modulus: np.ndarray  # E/(1-nu^2), Pa
     drag: np.ndarray  # k = 3 pi mu d of Stokes's drag, kg/s
+    rate: np.ndarray  # k/m, 1/s
     yielding: np.ndarray  # dt k/(m + dt k): the part of u - v that a step takes
     under_pad: np.ndarray  # the radius, or minus infinity where the pad has been dealt with already, m
     jx: np.ndarray  # impulse of the step's contacts with particles and surface, N s
@@ -40,21 +41,24 @@ class Swarm(NamedTuple):
 class Scratch(NamedTuple):
     """Who takes part in a step, for N particles."""
 
-    touched: np.ndarray  # (N,), particles in contact with others or the surface
+    touched: np.ndarray  # (N + 1,), particles in contact with others or the surface
     touch_step: np.ndarray  # (N,), the last step in which one was
     special: np.ndarray  # (N,), particles that are solved by themselves
     gained: np.ndarray  # (N,), mass picked up, kg
     kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
     position: np.ndarray  # (3,), of one particle
     velocity: np.ndarray  # (3,)
+    meeting: np.ndarray  # pairs of a batch of contacts
+    batch: np.ndarray  # what is known of them, see `pairs.Batch`
+    bits: np.ndarray  # the same memory as integers
 
 
 @kernel
-def scratch_of(n):
-    """Scratch for n particles, none of them in contact."""
+def scratch_of(n, batch):
+    """Scratch for n particles, none of them in contact, and a batch of contacts."""
     return Scratch(
-        np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64), np.zeros(n),
-        np.empty((n, 6)), np.empty(3), np.empty(3),
+        np.empty(n + 1, np.uint32), np.full(n, -1), np.empty(n, np.uint32), np.zeros(n),
+        np.empty((n, 6)), np.empty(3), np.empty(3), np.empty(LANES, np.uint32), batch, batch.view(np.int64),
     )  # fmt: skip
 
 
@@ -63,9 +67,10 @@ def swarm_of(model, dt, p):
     """The Particles `p` as a swarm that is moved in steps of `dt`."""
     n = p.mass.shape[0]
     padded = LANES * ((n + LANES - 1) // LANES)
-    a = np.zeros((15, padded))
+    a = np.zeros((16, padded))
     s = Swarm(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13], a[14]
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13], a[14],
+        a[15],
     )  # fmt: skip
     for i in range(n):
         s.x[i], s.y[i], s.z[i] = p.position[i]
@@ -83,6 +88,7 @@ def swarm_of(model, dt, p):
 @kernel
 def adapt(s, dt, i):
     """Adapt what depends on the mass of particle i."""
+    s.rate[i] = s.drag[i] / s.mass[i]
     s.yielding[i] = dt * s.drag[i] / (s.mass[i] + dt * s.drag[i])
 
 

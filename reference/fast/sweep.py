@@ -14,6 +14,15 @@ vectorised = numba.njit(error_model="numpy", nogil=True, fastmath={"reassoc", "n
 
 
 @vectorised
+def highest_of(values):
+    """The highest of numbers of which none is negative."""
+    highest = 0.0
+    for i in range(values.size):
+        highest = values[i] if values[i] > highest else highest
+    return highest
+
+
+@vectorised
 def fast_on_pad(z, vz, radius, pad_height, descent, speed):
     """How many particles meet the pad at `speed` (m/s) or faster."""
     found = 0.0

@@ -38,6 +38,7 @@ class Watch(NamedTuple):
     before: np.ndarray  # (N,)
     first: np.ndarray  # (HORIZON,), the first particle of each list, or -1
     box: np.ndarray  # (N, 6), lowest and highest velocity along x, y and z, m/s
+    pace: np.ndarray  # (N,), highest speed in it, relative to the mean of all, m/s
     renewed: np.ndarray  # (N,), step until which the box may be used again
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
     close: np.ndarray  # (N, MOST_CLOSE, 3), triangles that may be touched soon
@@ -54,7 +55,7 @@ def watch_all(n, shape):
     """All particles are looked at in step 0; the surface has squares of this `shape`."""
     w = Watch(
         np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
-        np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int64),
+        np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int64),
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         np.full(shape, -1),
     )  # fmt: skip
