@@ -18,6 +18,7 @@ from reference.case import Case, load_case
 from reference.collisions import pair_impulse
 from reference.contact import impact_duration
 from reference.fast.ceiling import ceiling_over, highest_node
+from reference.fast.near import FEW
 from reference.fast.pairs import LANES, B, batch, durations, guess_durations, impulse_on_first
 from reference.process import build_setup
 from reference.recording import Run
@@ -40,6 +41,8 @@ CASES = {
     "constant_duration": HELD | {"contact": {"impact_duration": 2e-9}},
     "without_pairs": HELD | {"contact": {"pairs": False}},
     "new_contacts_only": HELD | {"removal": {"new_contacts_only": True}},
+    # so many that neighbors are sought in cells
+    "many": HELD | {"particles": {"count": FEW + 60}, "surface": {"size": 37e-6, "nodes": 74}},
 }
 
 
@@ -223,7 +226,7 @@ def test_durations_by_newton_are_those_of_the_power():
 
 @pytest.mark.parametrize(("shape", "reach"), [((7, 5), 0.9), ((7, 5), 2.0), ((4, 3), 6.3), ((1, 6), 1.5)])
 def test_the_ceiling_is_the_highest_node_that_a_sphere_within_reach_can_touch(shape, reach):
-    """Squares of side 1 that a sphere over the square overlaps, at most `reach` away, with their four nodes."""
+    """Squares of side 1 that a sphere over the square overlaps, `reach` away at most, with their nodes."""
     heights = np.random.default_rng(3).normal(size=shape)
     found = ceiling_over(heights, 1.0, reach)
     span = int(np.ceil(reach))

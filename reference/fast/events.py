@@ -10,7 +10,6 @@ import math
 
 from reference import ledger as col
 from reference.collisions import (
-    compression_impulse,
     drag_on,
     duration_of,
     impact_energy_lost,
@@ -19,7 +18,7 @@ from reference.collisions import (
     strike_surface,
 )
 from reference.compiled import inlined, kernel
-from reference.contact import effective_modulus, surface_normal_impulse
+from reference.contact import compression_impulse, effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
 from reference.timestep import P
 

@@ -84,7 +84,7 @@ def approach(c, lanes):
 
 @vectorised
 def guess_durations(bits, lanes):
-    """q^(-1/5) within some percent, from bits of numbers seen as integers: there Newton's iteration starts."""
+    """q^(-1/5) within some percent, from the bits of q: there Newton's iteration starts."""
     for k in range(lanes):
         bits[B.duration + k] = ROOT_BITS - int(0.2 * bits[B.hertz + k])
 

@@ -304,10 +304,10 @@ def march(
                 dy = nearest_image(y[j] - y[i], model.length_y, half_y)
                 dz = nearest_image(z[j] - z[i], model.length_z, half_z)
                 wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
-                k = np.uint32(met)
-                meeting[k] = pair
-                c[B.nx + k], c[B.ny + k], c[B.nz + k] = dx, dy, dz
-                c[B.vx + k], c[B.vy + k], c[B.vz + k] = wx, wy, wz
+                lane = np.uint32(met)
+                meeting[lane] = pair
+                c[B.nx + lane], c[B.ny + lane], c[B.nz + lane] = dx, dy, dz
+                c[B.vx + lane], c[B.vy + lane], c[B.vz + lane] = wx, wy, wz
                 touching = dx * dx + dy * dy + dz * dz < reach[pair]
                 met += int(touching & (wx * dx + wy * dy + wz * dz < 0.0))
                 pair += 1

@@ -41,7 +41,7 @@ class Watch(NamedTuple):
     pace: np.ndarray  # (N,), highest speed in it, relative to the mean of all, m/s
     renewed: np.ndarray  # (N,), step until which the box may be used again
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
-    close: np.ndarray  # (N, MOST_CLOSE, 3), triangles that may be touched soon
+    close: np.ndarray  # (N, MOST_CLOSE, 3), squares and sides of triangles that may be touched soon
     number: np.ndarray  # (N,), how many
     until: np.ndarray  # (N,), step until which no other triangle can be touched
     looked: np.ndarray  # (N,), step in which the close triangles were found
@@ -55,7 +55,7 @@ def watch_all(n, shape):
     """All particles are looked at in step 0; the surface has squares of this `shape`."""
     w = Watch(
         np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
-        np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int64),
+        np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int32),
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
         np.full(shape, -1),
     )  # fmt: skip
@@ -146,7 +146,7 @@ def around(index, count):
         index += count
     while index >= count:
         index -= count
-    return index
+    return np.uint32(index)
 
 
 @inlined
