@@ -9,13 +9,13 @@ from __future__ import annotations
 import time
 from collections.abc import Collection
 
-from cmpcheck.components import equations, methods, runs, samples, setup
+from cmpcheck.components import equations, methods, runs, samples, setup, steppers
 from cmpcheck.components.row import CASE, failed
 from cmpcheck.results import CaseResult, Comparison
 
 __all__ = ["CASE", "check_components", "component_result"]
 
-PARTS = (equations.checks, setup.checks, runs.checks, methods.checks, samples.checks)
+PARTS = (equations.checks, setup.checks, runs.checks, steppers.checks, methods.checks, samples.checks)
 ENGINES = ("reference", "lammps")
 
 
@@ -48,7 +48,7 @@ def component_result(engines: Collection[str] = ENGINES) -> CaseResult:
         name=CASE,
         title="Components",
         sentence="What no case reaches: single equations, setting up, random numbers, methods of search and "
-        "of statistics, and how trajectories are sampled.",
+        "of statistics, the fast stepper beside the plain one, and how trajectories are sampled.",
         equations="9, 20-22, 29, 32-36, 40-43",
         comparisons=rows,
         seconds=time.perf_counter() - begin,

@@ -43,6 +43,7 @@ NO_CASE = (
     "reference/ensemble.py", "reference/genetic.py", "cmpcheck/statistics/equivalence.py",
     "cmpcheck/statistics/resampling.py",
 )  # fmt: skip
+FAST = "reference/fast/"  # no case either: they run by the plain stepper
 
 Label = tuple[str, str]  # case, variant
 Switch = Callable[[], AbstractContextManager[Any]]
@@ -161,7 +162,7 @@ def bad_rows(
     theirs = mutant is not None and mutant.side in ("lammps", "both")
     for label in labels:
         asked = mutant is not None and (label[0] in mutant.cases or " ".join(label).strip() in mutant.cases)
-        if mutant is not None and ((mutant.side == "lammps" and not asked) or mutant.file in NO_CASE):
+        if mutant is not None and ((mutant.side == "lammps" and not asked) or _in_no_case(mutant)):
             continue
         with _deck(mutant, size, tree) as decks:
             rows += _rows_of(mutant, label, on, theirs and asked, baseline, decks)
@@ -177,6 +178,10 @@ def bad_rows(
         for r in rows
         if r.status in BAD
     ]
+
+
+def _in_no_case(mutant: Mutant) -> bool:
+    return mutant.file in NO_CASE or mutant.file.startswith(FAST)
 
 
 def _component_engines(mutant: Mutant | None) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ FAILED = re.compile(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", re.MULTILINE)  # na
 FILES = (
     "contact", "drag", "removal", "heightfield", "neighbors", "flatness", "genetic", "ensemble", "packing",
     "pad", "process", "timestep", "simulation", "balances", "phases", "new_contacts", "exact_surface",
-    "exact_flow", "judges", "case_files", "recording", "checkpoint", "components",
+    "exact_flow", "judges", "case_files", "recording", "checkpoint", "components", "fast",
 )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from cmpcheck.sensitivity.catalogue import (
     analysis,
     contact,
     drag,
+    fast,
     lammps,
     removal,
     setup,
@@ -26,6 +27,7 @@ CATALOGUE = (
     *surface.MUTANTS,
     *stepping.MUTANTS,
     *setup.MUTANTS,
+    *fast.MUTANTS,
     *lammps.MUTANTS,
     *analysis.MUTANTS,
 )

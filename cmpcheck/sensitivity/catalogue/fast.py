@@ -1,0 +1,60 @@
+"""Errors in the fast stepper; the plain one, the answer key, does it right."""
+
+from __future__ import annotations
+
+from cmpcheck.sensitivity.mutants import Mutant
+
+FAST = "reference/fast"
+
+MUTANTS = (
+    Mutant(
+        "fast: impulse of a pair", "e of two particles is off by a factor",
+        f"{FAST}/pairs.py:impulse_on_first",
+        "(1.0 + restitution) * separation", "(1.0 + (1.0 + SIZE) * restitution) * separation", 0.01, "%",
+    ),
+    Mutant(
+        "fast: second of a pair", "the second particle of a pair receives another impulse than the first",
+        f"{FAST}/stepper.py:march", "jz[j] -= c[B.jz + k]", "jz[j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
+    ),
+    Mutant(
+        "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
+        f"{FAST}/pairs.py:approach", "separation / (m_eff * m_eff)", "separation / m_eff",
+    ),
+    Mutant(
+        "fast: bounce", "e of a particle and the surface is off by a factor where nothing is removed",
+        f"{FAST}/events.py:bounce",
+        "surface_normal_impulse(mass, -closing, model.restitution, external)",
+        "surface_normal_impulse(mass, -closing, (1.0 + SIZE) * model.restitution, external)", 0.01, "%",
+    ),
+    Mutant(
+        "fast: pad", "the pad's restitution is off by a factor", f"{FAST}/sweep.py:glide_under_pad",
+        "leaving - restitution * v", "leaving - (1.0 + SIZE) * restitution * v", 0.01, "%",
+    ),
+    Mutant(
+        "fast: shear", "the shear of the flow is off by a factor", f"{FAST}/sweep.py:glide_sheared",
+        "(shear * z[i] - vx[i])", "((1.0 + SIZE) * shear * z[i] - vx[i])", 0.01, "%",
+    ),
+    Mutant(
+        "fast: mass in the drag", "the share of the slip that a step takes is off by a factor",
+        f"{FAST}/swarm.py:adapt",
+        "(s.mass[i] + dt * s.drag[i])", "((1.0 + SIZE) * s.mass[i] + dt * s.drag[i])", 0.01, "%",
+    ),
+    Mutant(
+        "fast: late look", "a particle is looked at later than it can touch the surface",
+        f"{FAST}/watch.py:steps_until", "int(SAFETY * distance / (dt * speed))",
+        "int((1.0 + SIZE) * distance / (dt * speed))", 1.0, "%",
+    ),
+    Mutant(
+        "fast: narrow list", "pairs are listed as near within less than the list's way holds for",
+        f"{FAST}/near.py:list_narrow", "reach = touching + skin", "reach = touching + (1.0 - SIZE) * skin",
+        1.0, "% of the skin",
+    ),
+    Mutant(
+        "fast: ceiling", "the map of surface maxima looks along x alone", f"{FAST}/ceiling.py:raise_ceiling",
+        "max(height[i, j], across[i, column])", "max(height[i, j], across[i, j])",
+    ),
+    Mutant(
+        "fast: mass not picked up", "an impact that removes adds no mass", f"{FAST}/stepper.py:march",
+        "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]", 1.0, "% of the mass",
+    ),
+)  # fmt: skip
