@@ -14,7 +14,7 @@ import importlib.util
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,11 +50,10 @@ SECTIONS = (
     ),
     Section(
         "engines", "Engines that fail",
-        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS or LIGGGHTS is `error` for "
-        "that engine's comparisons of that variant, with the reason and the last lines of its log; the rest "
-        "goes on.  Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] "
-        "timeout`, 600 s where the case says nothing, is ended.  An engine of another package runs in the "
-        "worker itself: when it crashes, the rows of its variant are errors; one that hangs is not ended.",
+        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS, LIGGGHTS or an engine of "
+        "another package is `error` for that engine's comparisons of that variant, with the reason and the "
+        "last lines of its log; the rest goes on.  Each runs in a child process of the worker; a run that "
+        "takes longer than `[engine.NAME] timeout`, 600 s where the case says nothing, is ended.",
     ),
     Section(
         "repeat", "The same bits",
@@ -90,10 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     kept = _read(asked.out / KEPT)
     for name in asked.section or names:
-        begin = time.perf_counter()
-        found = importlib.import_module(_module(name)).findings(asked.profile == "full")
-        for finding in found:
+        begin, found = time.perf_counter(), []
+        for finding in _findings(name, asked.profile == "full"):
             print(finding.line(), flush=True)
+            found.append(finding)
         kept[name] = record(found, asked.profile, time.perf_counter() - begin)
         asked.out.mkdir(parents=True, exist_ok=True)
         write_whole(asked.out / KEPT, json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
@@ -105,6 +104,15 @@ def _module(name: str) -> str:
     """The module of a section, "" where there is none."""
     module = f"benchmarks.reliability_{name}"
     return module if importlib.util.find_spec(module) else ""
+
+
+def _findings(name: str, full: bool) -> Iterator[Finding]:
+    """Those of a section, as they come; one that breaks off is a finding that does not hold."""
+    try:
+        yield from importlib.import_module(_module(name)).findings(full)
+    except Exception as problem:  # the other sections are measured all the same
+        text = " ".join(str(problem).split())[:400]
+        yield Finding(f"the section {name}", "Measured.", f"{type(problem).__name__}: {text}", False)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -124,7 +132,7 @@ def record(found: Sequence[Finding], profile: str, seconds: float) -> dict[str, 
         "commit": provenance.commit(),
         "machine": f"{machine['processors']} processors {machine['processor']}, {machine['system']}",
         "versions": {name: versions[name] for name in ("numpy", "numba", "h5py", "lammps")},
-        "findings": [finding._asdict() for finding in found],
+        "findings": [finding._asdict() | {"holds": bool(finding.holds)} for finding in found],
     }
 
 

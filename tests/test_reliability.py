@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 
 from benchmarks import reliability, reliability_kill
@@ -40,6 +41,26 @@ def test_what_does_not_hold_stands_at_the_top_and_fails_the_command(monkeypatch,
     assert code == 1
     assert "1 of 2 promises hold.  Not: a \\<script\\>." in page
     assert "<script>" not in page.replace("\\<script\\>", "")
+
+
+def test_numpy_s_truth_is_told_as_any_other(monkeypatch, tmp_path):
+    assert written(monkeypatch, tmp_path, HOLDS._replace(holds=np.bool_(True)))[0] == 0
+    assert written(monkeypatch, tmp_path, HOLDS._replace(holds=np.bool_(False)))[0] == 1
+
+
+def test_a_section_that_breaks_off_is_a_finding_and_what_it_found_before_stays(monkeypatch, tmp_path):
+    def breaking(full):
+        yield HOLDS
+        raise RuntimeError("no such\nfile")
+
+    monkeypatch.setattr(
+        reliability.importlib, "import_module", lambda name: SimpleNamespace(findings=breaking)
+    )
+    code = reliability.main(["--section", "kill", "--profile", "quick", "--out", str(tmp_path)])
+    page = (tmp_path / reliability.PAGE).read_text("utf-8")
+    assert code == 1
+    assert "1 of 2 promises hold.  Not: the section kill." in page
+    assert "RuntimeError: no such file" in page
 
 
 def test_a_section_is_measured_again_and_the_others_stay(monkeypatch, tmp_path):
