@@ -127,11 +127,17 @@ def _compared(
     missing = {engine["name"]: engine["reason"] for engine in document["engines"] if not engine["available"]}
     counts = Counter(row["status"] for row in document["comparisons"])
     reasons = "; ".join(f"{engine}: {reason}" for engine, reason in missing.items())
+    failed = [
+        f"{row['case']} {row['variant']} {row['engine']} {row['quantity']}: {row['reason'][:300]}"
+        for row in document["comparisons"]
+        if row["status"] in ("error", "disagree") and "known_departure" not in row
+    ]
     installs = all("install" in missing.get(engine, "") for engine in absent)
     return Finding(
         name,
         f"cmpcheck compare {' '.join(arguments)}, outside the checkout",
-        f"exit code {done.returncode}, {document['verdict']}" + (f"; absent: {reasons}" if reasons else ""),
+        "; ".join([f"exit code {done.returncode}, {document['verdict']}", *failed[:3]])
+        + (f"; absent: {reasons}" if reasons else ""),
         done.returncode == 0 and set(missing) == set(absent) and installs,
         {status: f"{count}" for status, count in sorted(counts.items())},
     )
