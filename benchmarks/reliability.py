@@ -46,7 +46,8 @@ SECTIONS = (
     Section(
         "disk", "Disk full, folder gone, no permission",
         "One line, exit code 1 or 2, no traceback; what was written before is readable, and --resume goes on "
-        "to the same arrays.",
+        "to the same arrays.  A comparison whose workers cannot write is a whole report, exit code 1, whose "
+        "rows are errors that say it; the same command makes it anew.",
     ),
     Section(
         "engines", "Engines that fail",

@@ -101,8 +101,12 @@ def _complaint(code: int, stderr: str, may_end: bool = False) -> list[str]:
 
 
 def _goes_on(subject: Subject, out: Path, expected: dict[str, str]) -> list[str]:
-    """What is wrong with the command when it is resumed and nothing is in its way."""
-    done = subprocess.run(subject.command(out, subject.begun(out)), capture_output=True, text=True)
+    """What is wrong with the command when it is resumed and nothing is in its way.
+
+    A report whose rows are errors is whole: there is nothing to resume, and it is made anew.
+    """
+    resume = subject.begun(out) and not (_may_end(subject) and subject.complete(out))
+    done = subprocess.run(subject.command(out, resume), capture_output=True, text=True)
     if done.returncode not in (0, 2) or (done.returncode == 2 and not subject.complete(out)):
         return [f"not resumed, exit code {done.returncode}: {done.stderr.strip()[-200:]}"]
     found = subject.digests(out)
