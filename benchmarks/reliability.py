@@ -2,8 +2,8 @@
 
 Options: --profile quick|full (default full: more than an hour), --section NAME (may be repeated: only these
 are measured, the others stay as they were), --out FOLDER.  The page is a list of sections, each the
-`findings(full)` of a module `reliability_NAME.py`; what was found is kept beside it, in `reliability.json`.
-Exit code 1 when anything does not hold.
+`findings(full)` of a module `reliability_NAME.py`, and written after each of them; what was found is kept
+beside it, in `reliability.json`.  Exit code 1 when anything does not hold or is missing.
 """
 
 from __future__ import annotations
@@ -94,11 +94,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for finding in _findings(name, asked.profile == "full"):
             print(finding.line(), flush=True)
             found.append(finding)
+            kept[name] = record(found, asked.profile, time.perf_counter() - begin) | {"ended": False}
+            _write(asked.out, kept)
         kept[name] = record(found, asked.profile, time.perf_counter() - begin)
-        asked.out.mkdir(parents=True, exist_ok=True)
-        write_whole(asked.out / KEPT, json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
-        write_whole(asked.out / PAGE, page(kept))
-    return int(not all(finding["holds"] for entry in kept.values() for finding in entry["findings"]))
+        _write(asked.out, kept)
+    ended = all(entry.get("ended", True) for entry in kept.values())
+    return int(not ended or not all(found["holds"] for entry in kept.values() for found in entry["findings"]))
+
+
+def _write(folder: Path, kept: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / KEPT, json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    write_whole(folder / PAGE, page(kept))
 
 
 def _module(name: str) -> str:
@@ -159,10 +166,11 @@ def _section(entry: dict[str, Any]) -> list[str]:
          "; ".join(f"{name}: {_shown(value)}" for name, value in found["numbers"].items())]
         for found in entry["findings"]
     ]  # fmt: skip
+    missing = "" if entry.get("ended", True) else "**Interrupted: what was not tried is missing.**  "
     made_with = ", ".join(f"{name} {version}" for name, version in entry["versions"].items())
     return [
         *pipe_table(["", "what", "done", "outcome", "measured"], rows), "",
-        f"Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; {made_with}; "
+        f"{missing}Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; {made_with}; "
         f"commit {entry['commit'][:12] or 'unknown'}{'-modified' * entry['commit'].endswith('-modified')}.",
     ]  # fmt: skip
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from benchmarks import reliability, reliability_kill
 from benchmarks.reliability_digests import array_digest, json_digest, table_digests
@@ -61,6 +62,26 @@ def test_a_section_that_breaks_off_is_a_finding_and_what_it_found_before_stays(m
     assert code == 1
     assert "1 of 2 promises hold.  Not: the section kill." in page
     assert "RuntimeError: no such file" in page
+
+
+def test_what_a_section_has_found_is_kept_when_the_command_is_stopped(monkeypatch, tmp_path):
+    def stopped(full):
+        yield HOLDS
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(
+        reliability.importlib, "import_module", lambda name: SimpleNamespace(findings=stopped)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        reliability.main(["--section", "kill", "--profile", "quick", "--out", str(tmp_path)])
+    page = (tmp_path / reliability.PAGE).read_text("utf-8")
+    assert "1 of 1 promises hold." in page
+    assert "**Interrupted: what was not tried is missing.**" in page
+    code, page = written(monkeypatch, tmp_path, HOLDS, section="disk")
+    assert code == 1
+    code, page = written(monkeypatch, tmp_path, HOLDS)
+    assert code == 0
+    assert "Interrupted" not in page
 
 
 def test_a_section_is_measured_again_and_the_others_stay(monkeypatch, tmp_path):
