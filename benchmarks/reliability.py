@@ -170,8 +170,8 @@ def _section(entry: dict[str, Any]) -> list[str]:
     made_with = ", ".join(f"{name} {version}" for name, version in entry["versions"].items())
     return [
         *pipe_table(["", "what", "done", "outcome", "measured"], rows), "",
-        f"{missing}Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; {made_with}; "
-        f"commit {entry['commit'][:12] or 'unknown'}{'-modified' * entry['commit'].endswith('-modified')}.",
+        f"{missing}Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; "
+        f"{made_with}; commit {entry['commit'][:12] or 'unknown'}{'-modified' * entry['commit'].endswith('-modified')}.",
     ]  # fmt: skip
 
 

@@ -20,8 +20,8 @@ from typing import Any
 from benchmarks.reliability_finding import Finding
 
 COUNTS = {
-    "case": 8_000, "table": 20_000, "parquet": 5_000, "dump": 24_000, "series": 10_000, "text": 18_000,
-    "deck": 12_000, "folder": 2_500, "store": 2_500, "variables": 300,
+    "case": 6_000, "table": 18_000, "parquet": 5_000, "dump": 22_000, "series": 8_000, "text": 25_000,
+    "deck": 15_000, "folder": 1_500, "store": 2_000, "variables": 250,
 }  # fmt: skip
 ALONE = "variables"  # goes through LAMMPS, which no fuzzer sees into
 QUICK = 40  # times fewer
