@@ -167,11 +167,12 @@ def _section(entry: dict[str, Any]) -> list[str]:
         for found in entry["findings"]
     ]  # fmt: skip
     missing = "" if entry.get("ended", True) else "**Interrupted: what was not tried is missing.**  "
+    commit = entry["commit"]
     made_with = ", ".join(f"{name} {version}" for name, version in entry["versions"].items())
     return [
         *pipe_table(["", "what", "done", "outcome", "measured"], rows), "",
         f"{missing}Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; "
-        f"{made_with}; commit {entry['commit'][:12] or 'unknown'}{'-modified' * entry['commit'].endswith('-modified')}.",
+        f"{made_with}; commit {commit[:12] or 'unknown'}{'-modified' * commit.endswith('-modified')}.",
     ]  # fmt: skip
 
 
