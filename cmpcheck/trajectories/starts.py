@@ -276,8 +276,8 @@ def _masses(columns: Columns, setup: Setup, units: Units) -> tuple[np.ndarray, n
     if light.any():
         frame, p = np.argwhere(light)[0]
         raise CaseError(
-            f"{columns.path}: particle {p} has the mass {masses[frame, p]:.6g} kg at output {frame}; allowed: "
-            f"from {LIGHTEST:g} of its {start[p]:.6g} kg at the start on"
+            f"{columns.path}: particle {p} has the mass {masses[frame, p]:.6g} kg at output {frame}; "
+            f"allowed: from {LIGHTEST:g} of its {start[p]:.6g} kg at the start on"
         )
     return masses, np.full(len(start), bound), True
 
