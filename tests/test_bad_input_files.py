@@ -144,17 +144,17 @@ def test_variables_of_a_deck_are_taken_or_refused_by_lammps_itself(deck, values,
 
 def test_what_may_not_come_of_variables_is_a_finding(monkeypatch):
     assert {deck_variables.draw(1, k).with_fix for k in range(40)} == {True, False}
-    for code, said, with_fix, wrong in (
-        (1, "Traceback (most recent call last):", True, "a traceback"),
-        (-11, "", False, "by a signal"),
-        (1, "the end", False, "without a reason"),
-        (2, "ERROR: a\ncmpcheck: b\ncmpcheck: c", True, "2 lines"),
-        (0, "error nan: agrees", False, "not finite"),
+    for code, said, wrong in (
+        (1, "Traceback (most recent call last):", "a traceback"),
+        (-11, "", "by a signal"),
+        (1, "the end", "without a reason"),
+        (2, "ERROR: a\ncmpcheck: b\ncmpcheck: c", "2 lines"),
+        (0, "error nan: agrees", "not finite"),
     ):
-        became, told = deck_variables.judged(code, said, with_fix)
+        became, told = deck_variables.judged(code, said)
         assert became == "finding"
         assert wrong in told
-    assert deck_variables.judged(0, "error 0.0: agrees", False) == ("taken", "")
+    assert deck_variables.judged(0, "error 0.0: agrees") == ("taken", "")
     monkeypatch.setattr(deck_variables, "SECONDS", 0.05)
     assert "no end" in deck_variables.tried(deck_variables.Input("in.pair_slip", True, {}))[1]
 

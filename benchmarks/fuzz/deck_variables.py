@@ -24,6 +24,7 @@ from cmpcheck.engines.lammps_setup import Deck, deck_folder
 RUNS, SECONDS = 10, 120.0  # s
 WITH_FIX = 0.25  # of the inputs: they take ten times as long
 VARIABLE = re.compile(r"(?m)^variable[ \t]+(\w+)[ \t]+index[ \t]+(\S+)")
+REASONS = ("ERROR", "\nException: ")  # of a deck or of LAMMPS; the latter is how lmp tells one of C++
 OWN = ("driver",)  # of whoever reads the deck: another value ends it by design
 NOT_FINITE = re.compile(r"(?i)(?<![\w.])-?(nan|inf)(?![\w.])")
 SAID = 200  # characters of an output that are told
@@ -91,10 +92,10 @@ def tried(given: Input) -> tuple[str, str]:
         except subprocess.TimeoutExpired:
             return "finding", f"no end in {SECONDS:g} s"
     said = (done.stdout + done.stderr).decode("utf-8", "replace")
-    return judged(done.returncode, said, given.with_fix)
+    return judged(done.returncode, said)
 
 
-def judged(code: int, said: str, with_fix: bool) -> tuple[str, str]:
+def judged(code: int, said: str) -> tuple[str, str]:
     """What an exit code and an output amount to: one of "taken", "refused", "finding", and what is wrong."""
     last = " | ".join(said.split("\n")[-4:])[-SAID:]
     if "Traceback" in said:
@@ -106,9 +107,9 @@ def judged(code: int, said: str, with_fix: bool) -> tuple[str, str]:
     if code == 0:
         return "taken", ""
     lines = [line for line in said.splitlines() if line.startswith("cmpcheck: ")]
-    if with_fix and len(lines) != 1:
+    if len(lines) > 1:
         return "finding", f"exit code {code}, {len(lines)} lines of cmpcheck: {last}"
-    if not with_fix and "ERROR" not in said:
+    if not lines and not any(word in said for word in REASONS):
         return "finding", f"exit code {code} without a reason: {last}"
     return "refused", ""
 
