@@ -21,7 +21,7 @@ from benchmarks.reliability_finding import Finding
 
 COUNTS = {
     "case": 6_000, "table": 18_000, "parquet": 5_000, "dump": 22_000, "series": 8_000, "text": 25_000,
-    "deck": 15_000, "folder": 1_500, "store": 2_000, "variables": 250,
+    "deck": 15_000, "folder": 1_500, "store": 2_000, "variables": 200,
 }  # fmt: skip
 ALONE = "variables"  # goes through LAMMPS, which no fuzzer sees into
 QUICK = 40  # times fewer

@@ -81,7 +81,7 @@ class Subject(ABC):
 class Run(Subject):
     """`cmpcheck run` of polish_full, 2 ms of it, with checkpoints at short intervals."""
 
-    name, unit = "run", "s of computing"
+    name, unit = "run", "s of computing up to the last steps told"
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -114,7 +114,8 @@ class Run(Subject):
         index = out / "checkpoint" / INDEX
         if not moments or not index.exists():  # not yet computing, or done with it
             return 0.0
-        return max(0.0, killed - max(index.stat().st_mtime, moments[0]))
+        computed = min(killed, moments[-1])  # what follows the last steps is the writing of what is saved
+        return max(0.0, computed - max(index.stat().st_mtime, moments[0]))
 
     def may_lose(self) -> float:
         return INTERVAL + max(self.gaps, default=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -115,3 +116,15 @@ def test_what_a_kill_loses_is_counted_in_each_folder_by_itself(tmp_path):
         assert compare.lost(tmp_path / out, 0.0) == 0.0
     (folder / "0.json").unlink()
     assert compare.lost(tmp_path / "b", 0.0) == 1.0
+
+
+def test_a_run_loses_what_it_has_computed_since_its_last_checkpoint(tmp_path):
+    run, out = reliability_kill.Run(tmp_path), tmp_path / "out"
+    (out / "checkpoint").mkdir(parents=True)
+    index = out / "checkpoint" / reliability_kill.INDEX
+    np.array([100.0, 100.2, 102.0]).tofile(tmp_path / "out.progress")
+    assert run.lost(out, 110.0) == 0.0  # no checkpoint: it had ended
+    index.touch()
+    os.utime(index, (100.5, 100.5))
+    assert run.lost(out, 110.0) == 1.5  # the last steps were told at 102 s
+    assert run.may_lose() == pytest.approx(reliability_kill.INTERVAL + 1.8)
