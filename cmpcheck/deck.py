@@ -31,10 +31,7 @@ from reference.toml_source import nearest, one_line
 DRIVER = "cmpcheck_deck"
 SUCCESSFUL_QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+0)?([ \t]*(?:#.*)?$|")')
 SHOWN = 10  # contacts
-SMALLEST, LARGEST = (
-    Decimal(sys.float_info.min),
-    Decimal(sys.float_info.max),
-)  # of a number with all its digits
+SMALLEST, LARGEST = Decimal(sys.float_info.min), Decimal(sys.float_info.max)  # with all digits
 COLUMNS = [
     "time", "i", "approach_speed", "normal_impulse", "load", "yield_radius", "removed_volume", "removed_mass",
 ]  # fmt: skip

@@ -53,7 +53,7 @@ class PluginEngine:
             said = last_words(self._child.output, NO_NOISE)
             raise EngineError(f"{self.name}: {problem}{said}") from None
         except ChildError as problem:
-            raise EngineError(str(problem)) from None
+            raise EngineError(" ".join(str(problem).split())) from None
         if isinstance(found, str):
             raise NotSupported(found)
         run: Run = found
@@ -63,7 +63,7 @@ class PluginEngine:
 def describe(name: str, value: str) -> tuple[EngineInfo, tuple[str, ...]]:
     """Runs in the child: what the engine says of itself, and its forms of contact with a surface.
 
-    Raises TypeError, or what the other package raises with its type, for what is no engine of that name.
+    Raises RuntimeError, with the type of what the other package raises, for what is no engine of that name.
     """
     try:
         engine = EntryPoint(name, value, "").load()()
