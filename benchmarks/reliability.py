@@ -162,7 +162,7 @@ def page(kept: dict[str, Any]) -> str:
 
 def _section(entry: dict[str, Any]) -> list[str]:
     rows = [
-        ["holds" if found["holds"] else "**fails**", found["name"], found["done"], found["outcome"],
+        ["holds" if found["holds"] else "FAILS", found["name"], found["done"], found["outcome"],
          "; ".join(f"{name}: {_shown(value)}" for name, value in found["numbers"].items())]
         for found in entry["findings"]
     ]  # fmt: skip
