@@ -77,6 +77,10 @@ SECTIONS = (
         "packaging", "Packaging",
         "What is built can be installed and used outside of the checkout, with and without other engines.",
     ),
+    Section(
+        "versions", "Versions of dependencies",
+        "The lowest and the newest version of each direct dependency that is allowed pass the cheap tests.",
+    ),
 )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks import reliability, reliability_kill
+from benchmarks import reliability, reliability_kill, reliability_versions
 from benchmarks.reliability_digests import array_digest, json_digest, table_digests
 from benchmarks.reliability_finding import Finding
 from cmpcheck import outputs
@@ -128,3 +128,8 @@ def test_a_run_loses_what_it_has_computed_since_its_last_checkpoint(tmp_path):
     os.utime(index, (100.5, 100.5))
     assert run.lost(out, 110.0) == 1.5  # the last steps were told at 102 s
     assert run.may_lose() == pytest.approx(reliability_kill.INTERVAL + 1.8)
+
+
+@pytest.mark.parametrize("found, least", [("2.0.0", True), ("2.0.1", True), ("2.4.6", False), ("3.0", False)])
+def test_a_version_that_is_not_the_lowest_is_seen(found, least):
+    assert reliability_versions.at_bound("numpy>=2.0", {"numpy": found}) == least
