@@ -2,8 +2,8 @@
 
 Options: --profile quick|full (default full: more than an hour), --section NAME (may be repeated: only these
 are measured, the others stay as they were), --out FOLDER.  The page is a list of sections, each the
-`findings(full)` of a module `reliability_NAME.py`; what was found is kept beside it, in `reliability.json`.
-Exit code 1 when anything does not hold.
+`findings(full)` of a module `reliability_NAME.py`, and written after each of them; what was found is kept
+beside it, in `reliability.json`.  Exit code 1 when anything does not hold or is missing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import importlib.util
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,15 +46,15 @@ SECTIONS = (
     Section(
         "disk", "Disk full, folder gone, no permission",
         "One line, exit code 1 or 2, no traceback; what was written before is readable, and --resume goes on "
-        "to the same arrays.",
+        "to the same arrays.  A comparison whose workers cannot write is a whole report, exit code 1, whose "
+        "rows are errors that say it; the same command makes it anew.",
     ),
     Section(
         "engines", "Engines that fail",
-        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS or LIGGGHTS is `error` for "
-        "that engine's comparisons of that variant, with the reason and the last lines of its log; the rest "
-        "goes on.  Each runs in a child process of the worker; a run that takes longer than `[engine.NAME] "
-        "timeout`, 600 s where the case says nothing, is ended.  An engine of another package runs in the "
-        "worker itself: when it crashes, the rows of its variant are errors; one that hangs is not ended.",
+        "A crash, a hang, an error, a lost particle or a broken fix in LAMMPS, LIGGGHTS or an engine of "
+        "another package is `error` for that engine's comparisons of that variant, with the reason and the "
+        "last lines of its log; the rest goes on.  Each runs in a child process of the worker; a run that "
+        "takes longer than `[engine.NAME] timeout`, 600 s where the case says nothing, is ended.",
     ),
     Section(
         "repeat", "The same bits",
@@ -77,6 +77,10 @@ SECTIONS = (
         "packaging", "Packaging",
         "What is built can be installed and used outside of the checkout, with and without other engines.",
     ),
+    Section(
+        "versions", "Versions of dependencies",
+        "The lowest and the newest version of each direct dependency that is allowed pass the cheap tests.",
+    ),
 )  # fmt: skip
 
 
@@ -90,21 +94,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     kept = _read(asked.out / KEPT)
     for name in asked.section or names:
-        begin = time.perf_counter()
-        found = importlib.import_module(_module(name)).findings(asked.profile == "full")
-        for finding in found:
+        begin, found = time.perf_counter(), []
+        for finding in _findings(name, asked.profile == "full"):
             print(finding.line(), flush=True)
+            found.append(finding)
+            kept[name] = record(found, asked.profile, time.perf_counter() - begin) | {"ended": False}
+            _write(asked.out, kept)
         kept[name] = record(found, asked.profile, time.perf_counter() - begin)
-        asked.out.mkdir(parents=True, exist_ok=True)
-        write_whole(asked.out / KEPT, json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
-        write_whole(asked.out / PAGE, page(kept))
-    return int(not all(finding["holds"] for entry in kept.values() for finding in entry["findings"]))
+        _write(asked.out, kept)
+    ended = all(entry.get("ended", True) for entry in kept.values())
+    return int(not ended or not all(found["holds"] for entry in kept.values() for found in entry["findings"]))
+
+
+def _write(folder: Path, kept: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / KEPT, json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    write_whole(folder / PAGE, page(kept))
 
 
 def _module(name: str) -> str:
     """The module of a section, "" where there is none."""
     module = f"benchmarks.reliability_{name}"
     return module if importlib.util.find_spec(module) else ""
+
+
+def _findings(name: str, full: bool) -> Iterator[Finding]:
+    """Those of a section, as they come; one that breaks off is a finding that does not hold."""
+    try:
+        yield from importlib.import_module(_module(name)).findings(full)
+    except Exception as problem:  # the other sections are measured all the same
+        text = " ".join(str(problem).split())[:400]
+        yield Finding(f"the section {name}", "Measured.", f"{type(problem).__name__}: {text}", False)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -124,7 +144,7 @@ def record(found: Sequence[Finding], profile: str, seconds: float) -> dict[str, 
         "commit": provenance.commit(),
         "machine": f"{machine['processors']} processors {machine['processor']}, {machine['system']}",
         "versions": {name: versions[name] for name in ("numpy", "numba", "h5py", "lammps")},
-        "findings": [finding._asdict() for finding in found],
+        "findings": [finding._asdict() | {"holds": bool(finding.holds)} for finding in found],
     }
 
 
@@ -146,15 +166,17 @@ def page(kept: dict[str, Any]) -> str:
 
 def _section(entry: dict[str, Any]) -> list[str]:
     rows = [
-        ["holds" if found["holds"] else "**fails**", found["name"], found["done"], found["outcome"],
+        ["holds" if found["holds"] else "FAILS", found["name"], found["done"], found["outcome"],
          "; ".join(f"{name}: {_shown(value)}" for name, value in found["numbers"].items())]
         for found in entry["findings"]
     ]  # fmt: skip
+    missing = "" if entry.get("ended", True) else "**Interrupted: what was not tried is missing.**  "
+    commit = entry["commit"]
     made_with = ", ".join(f"{name} {version}" for name, version in entry["versions"].items())
     return [
         *pipe_table(["", "what", "done", "outcome", "measured"], rows), "",
-        f"Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; {made_with}; "
-        f"commit {entry['commit'][:12] or 'unknown'}{'-modified' * entry['commit'].endswith('-modified')}.",
+        f"{missing}Profile {entry['profile']}, {duration(entry['seconds'])}; {plain(entry['machine'])}; "
+        f"{made_with}; commit {commit[:12] or 'unknown'}{'-modified' * commit.endswith('-modified')}.",
     ]  # fmt: skip
 
 

@@ -30,7 +30,7 @@ BEGINS_WITHIN = 120.0  # s
 
 
 class Reference(Compare):
-    """A comparison without LAMMPS, whose MPI ends the process where it cannot have shared memory."""
+    """A comparison without LAMMPS, which is missing where its MPI has no room for its shared memory."""
 
     def command(self, out: Path, resume: bool) -> list[str]:
         """As that of all engines."""
@@ -38,22 +38,20 @@ class Reference(Compare):
         return ["reference" if word == "lammps" else word for word in words]
 
 
-def findings(full: bool = False) -> list[Finding]:
-    """Each fault in each command; without `full`, in `run`."""
-    found = []
-    for kind in (Run, Reference, Optimise) if full else (Run,):
+def findings(full: bool = False) -> Iterator[Finding]:
+    """Each fault in each command, a full disk also in a comparison with LAMMPS; without `full`, in `run`."""
+    for kind in (Run, Reference, Compare, Optimise) if full else (Run,):
         with tempfile.TemporaryDirectory(prefix="cmpcheck-") as place:
             subject = kind(Path(place))
             done = subprocess.run(subject.command(subject.folder / "whole", False), capture_output=True)
             if done.returncode:
                 raise RuntimeError(done.stderr.decode())
             expected = subject.digests(subject.folder / "whole")
-            found.append(_limited(subject, expected, LIMITS[subject.name] if full else LIMITS["run"][1:3]))
-            for name, damage in DAMAGES.items():
-                found.append(_damaged(subject, expected, name, damage))
+            yield _limited(subject, expected, LIMITS[subject.name] if full else LIMITS["run"][1:3])
+            for name, damage in DAMAGES.items() if kind is not Compare else ():
+                yield _damaged(subject, expected, name, damage)
             if kind is Run:
-                found += _small_disk(subject, expected)
-    return found
+                yield from _small_disk(subject, expected)
 
 
 def _limited(subject: Subject, expected: dict[str, str], limits: tuple[int, ...]) -> Finding:
@@ -74,9 +72,14 @@ def _limited(subject: Subject, expected: dict[str, str], limits: tuple[int, ...]
         wrong += _goes_on(subject, out, expected)
         shutil.rmtree(out, ignore_errors=True)
     return _finding(
-        f"{subject.name}, disk full", f"Files limited to {', '.join(map(str, limits))} bytes, then resumed.",
+        f"{_title(subject)}, disk full",
+        f"Files limited to {', '.join(map(str, limits))} bytes, then resumed.",
         wrong, {"limits": float(len(limits)), "stopped by them": float(stopped)},
     )  # fmt: skip
+
+
+def _title(subject: Subject) -> str:
+    return f"{subject.name} with LAMMPS" if type(subject) is Compare else subject.name
 
 
 def _may_end(subject: Subject) -> bool:
@@ -98,8 +101,12 @@ def _complaint(code: int, stderr: str, may_end: bool = False) -> list[str]:
 
 
 def _goes_on(subject: Subject, out: Path, expected: dict[str, str]) -> list[str]:
-    """What is wrong with the command when it is resumed and nothing is in its way."""
-    done = subprocess.run(subject.command(out, subject.begun(out)), capture_output=True, text=True)
+    """What is wrong with the command when it is resumed and nothing is in its way.
+
+    A report whose rows are errors is whole: there is nothing to resume, and it is made anew.
+    """
+    resume = subject.begun(out) and not (_may_end(subject) and subject.complete(out))
+    done = subprocess.run(subject.command(out, resume), capture_output=True, text=True)
     if done.returncode not in (0, 2) or (done.returncode == 2 and not subject.complete(out)):
         return [f"not resumed, exit code {done.returncode}: {done.stderr.strip()[-200:]}"]
     found = subject.digests(out)
@@ -134,7 +141,7 @@ def _damaged(subject: Subject, expected: dict[str, str], name: str, damage: Dama
     shutil.rmtree(out, ignore_errors=True)
     shutil.rmtree(out.with_suffix(".moved"), ignore_errors=True)
     return _finding(
-        f"{subject.name}, {name}",
+        f"{_title(subject)}, {name}",
         "In mid-run, when something had been kept.",
         wrong,
         {"exit code": str(code)},

@@ -1,7 +1,8 @@
 """Engines that fail: every fault becomes `error` with a reason, in time, and everything else is judged.
 
 `python -m benchmarks.reliability_engines [--full]` prints the findings.  The faults are commands at the end
-of a deck's definitions, a box that lets particles out, and a fix whose callback raises.
+of a deck's definitions, a box that lets particles out, a fix whose callback raises, and a package whose
+engine does as badly.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.reliability_finding import Finding
-from cmpcheck.engines import lammps, lammps_run, make_engine
+from cmpcheck.engines import GROUP, lammps, lammps_run, make_engine
 from cmpcheck.engines.lammps import LammpsEngine
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import deck_path
 from cmpcheck.engines.liggghts import LiggghtsEngine
+from cmpcheck.engines.plugin import PluginEngine
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.python_driver import PythonCallback
 from cmpcheck.pool import problem_of, run_tasks
@@ -57,7 +61,7 @@ FAULTS = {
 
 def findings(full: bool = False) -> list[Finding]:
     """Every fault in every engine that is there; without `full`, LAMMPS alone in one process."""
-    found = []
+    found = _plugins() if full else []
     for kind in (LammpsEngine, LiggghtsEngine) if full else (LammpsEngine,):
         if not kind().info().available:
             continue
@@ -95,6 +99,52 @@ def _lost(kind: Callable, folder: Path) -> Finding:
     return _tried(f"{engine.name}, lost particles", done, lambda: _run(kind({CASE: path}), case, away), said)
 
 
+PLUGIN = f"""
+import os, signal, time
+from cmpcheck.engines.reference import ReferenceEngine
+from cmpcheck.results import EngineInfo
+
+class Faulty(ReferenceEngine):
+    name = "faulty"
+    def info(self): return EngineInfo("faulty", "1", True)
+    def run(self, setup, resolution):
+        print("{WORDS}", flush=True)
+        return FAULTS[setup.case.case.title](setup, resolution)
+
+def die(number): os.kill(os.getpid(), number)
+
+FAULTS = {{"crash": lambda *_: die(signal.SIGSEGV), "killed": lambda *_: die(signal.SIGKILL),
+          "hang": lambda *_: time.sleep(1000), "error": lambda *_: nonsense, "sound": ReferenceEngine().run}}
+"""
+
+
+def _plugins() -> list[Finding]:
+    """The same faults in an engine of another package; then a sound run of it."""
+    case, found = load_case(CASE), []
+    table = {"contact_duration": 1e-9, "steps_per_contact": 20.0}
+
+    def run(what: str) -> object:
+        tables = case.engine | {"faulty": table | {"timeout": TIMEOUT if what == "hang" else PATIENCE}}
+        header = case.case.model_copy(update={"title": what})
+        setup = build_setup(case.model_copy(update={"case": header, "engine": tables}).variants()[0])
+        return engine.run(setup, Resolution(setup.time_step))
+
+    with tempfile.TemporaryDirectory(prefix="cmpcheck-") as place:
+        (Path(place) / "faulty_engine.py").write_text(PLUGIN, "utf-8")
+        sys.path.insert(0, place)
+        try:
+            engine = PluginEngine(EntryPoint("faulty", "faulty_engine:Faulty", GROUP))
+            for name, fault in FAULTS.items():
+                said = fault.said if name != "error" else ("NameError", "nonsense")
+                done = fault.done if name != "error" else "A name that there is not."
+                found.append(
+                    _tried(f"another package, {name}", done, partial(run, name), said, partial(run, "sound"))
+                )
+        finally:
+            sys.path.remove(place)
+    return found
+
+
 def _run(engine, case: Case, velocity: np.ndarray | None = None) -> object:  # type: ignore[no-untyped-def]
     setup = build_setup(case.variants()[0])
     if velocity is not None:
@@ -103,7 +153,13 @@ def _run(engine, case: Case, velocity: np.ndarray | None = None) -> object:  # t
     return engine.run(setup, Resolution(duration / steps, duration, "soft"))
 
 
-def _tried(name: str, done: str, run: Callable[[], object], said: tuple[str, ...]) -> Finding:
+def _tried(
+    name: str,
+    done: str,
+    run: Callable[[], object],
+    said: tuple[str, ...],
+    sound: Callable[[], object] | None = None,
+) -> Finding:
     """The error that must come, in one line; then a sound run in the same process."""
     begin = time.perf_counter()
     try:
@@ -113,8 +169,10 @@ def _tried(name: str, done: str, run: Callable[[], object], said: tuple[str, ...
         outcome = str(problem)
         holds = "\n" not in outcome and all(part in outcome for part in said)
     seconds = time.perf_counter() - begin
-    engine = name.partition(",")[0]
-    _run(make_engine(engine), load_case(CASE))
+    if sound is None:
+        _run(make_engine(name.partition(",")[0]), load_case(CASE))
+    else:
+        sound()
     told = outcome.partition(": ")[2] or outcome
     return Finding(name, done, _short(told), holds and seconds < PATIENCE, {"s until the error": seconds})
 

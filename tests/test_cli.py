@@ -109,9 +109,9 @@ def test_doctor_names_every_engine_and_succeeds_where_nothing_is_missing():
 
 
 def test_doctor_gives_the_command_for_what_is_missing_and_exits_1(monkeypatch):
-    from cmpcheck.engines import lammps_library
+    from cmpcheck.engines import lammps
 
-    monkeypatch.setattr(lammps_library, "available", lambda: (False, "LAMMPS cannot be loaded"))
+    monkeypatch.setattr(lammps, "_asked", lambda: ("", "LAMMPS cannot be loaded"))
     result = call("doctor")
     assert result.exit_code == 1
     assert "missing: LAMMPS cannot be loaded" in result.stdout

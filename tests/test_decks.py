@@ -287,6 +287,11 @@ def test_an_error_in_a_deck_is_one_line_that_names_it(old, new, message, tmp_pat
         (["-in", "in.nowhere"], "in.nowhere: No such file"),
         (["-log", "none"], "no input file"),
         (["-in", str(deck_path("wall_bounce")), "-var", "frm", "soft"], "-var frm: unknown variable"),
+        (
+            ["-in", str(deck_path("wall_bounce")), "-var", "z", "1e-320"],
+            "-var z 1e-320: allowed: 0, and sizes",
+        ),
+        (["-in", str(deck_path("pair_slip")), "-var", "friction", "-1e400"], "friction -1e400: allowed: 0"),
     ],
 )
 def test_a_wrong_call_is_bad_input(arguments, message):

@@ -85,6 +85,18 @@ def test_a_time_that_is_no_time_is_refused(timeout):
         run(LammpsEngine(), with_timeout("pair_slip", "lammps", timeout))
 
 
+def test_an_mpi_that_aborts_where_it_is_loaded_is_a_missing_engine(monkeypatch):
+    """As without room for its shared memory; in this process it would be the end of it."""
+    lammps._asked.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(lammps, "probe", os.abort)
+        info = LammpsEngine().info()
+    lammps._asked.cache_clear()
+    assert not info.available
+    assert info.reason.startswith("LAMMPS: the process has died (signal SIGABRT)")
+    assert LammpsEngine().info().available == lammps_library.available()[0]
+
+
 @needs_lammps
 def test_what_an_engine_has_started_ends_with_it(tmp_path):
     mark = tmp_path / "pid"

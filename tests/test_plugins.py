@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import EntryPoint, EntryPoints
@@ -17,10 +18,13 @@ import pytest
 from cmpcheck import engines
 from cmpcheck.compare import compare_study
 from cmpcheck.engines import engine_names, is_plugin, make_engine
+from cmpcheck.engines.lammps_library import EngineError
+from cmpcheck.engines.protocol import NotSupported, Resolution
 from cmpcheck.judges import judge_of
 from cmpcheck.study import align_outputs, contact_settings, engine_study, has_settings
 from reference.case import CASES, load_case
 from reference.process import build_setup
+from reference.simulation import simulate_setup
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 QUICK = ("steps_per_contact = 100", "steps_per_contact = 60")
@@ -125,6 +129,69 @@ def test_a_plugin_that_cannot_be_used_says_why_in_one_line(points, reason, plugi
     assert not info.available
     assert reason in info.reason
     assert "\n" not in info.reason
+
+
+FAULTY = """
+import os, time
+from cmpcheck.engines.protocol import NotSupported
+from cmpcheck.engines.reference import ReferenceEngine
+from cmpcheck.results import EngineInfo
+
+class Faulty(ReferenceEngine):
+    name = "faulty"
+    def info(self): return EngineInfo("faulty", "1", True)
+    def run(self, setup, resolution):
+        print("the last words", flush=True)
+        return FAULTS[setup.case.case.title](setup, resolution)
+
+def refuse(*_): raise NotSupported("too much")
+
+FAULTS = {"hang": lambda *_: time.sleep(1000), "crash": lambda *_: os.abort(), "exit": lambda *_: os._exit(3),
+          "none": lambda *_: None, "bug": lambda *_: 1 / 0, "refuse": refuse, "sound": ReferenceEngine().run}
+"""
+
+
+def test_a_plugin_that_fails_is_an_error_in_time_with_its_last_words(plugin, tmp_path, monkeypatch):
+    (tmp_path / "faulty_engine.py").write_text(FAULTY, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugin(("faulty", "faulty_engine:Faulty"))
+    engine, case = make_engine("faulty"), load_case("pair_head_on").variants()[0]
+    table = {"contact_duration": 1e-9, "steps_per_contact": 20.0}
+
+    def run(fault, **more):
+        tables = {**case.engine, "faulty": table | more}
+        header = case.case.model_copy(update={"title": fault})
+        setup = build_setup(case.model_copy(update={"case": header, "engine": tables}))
+        return engine.run(setup, Resolution(setup.time_step))
+
+    for fault, said in {
+        "crash": r"faulty: the process has died \(signal SIGABRT\) \(log: the last words\)",
+        "exit": r"has died \(exit code 3\)",
+        "none": "run has returned NoneType",
+        "bug": "ZeroDivisionError: division by zero",
+    }.items():
+        with pytest.raises(EngineError, match=said):
+            run(fault)
+    with pytest.raises(NotSupported, match="too much"):
+        run("refuse")
+    begin = time.monotonic()
+    with pytest.raises(
+        EngineError, match=r"no answer within 2 s; the process was ended \(log: the last words"
+    ):
+        run("hang", timeout="2 s")
+    assert time.monotonic() - begin < 60  # of the 1000 s that it would have taken
+    sound = run("sound")
+    assert sound.positions.tobytes() == simulate_setup(build_setup(case)).positions.tobytes()
+
+
+def test_a_plugin_that_hangs_at_its_import_is_not_available(plugin, tmp_path, monkeypatch):
+    (tmp_path / "endless_engine.py").write_text("import time\ntime.sleep(1000)\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("cmpcheck.engines.plugin.ANSWERS_WITHIN", 1.0)
+    plugin(("endless", "endless_engine:Engine"))
+    info = make_engine("endless").info()
+    assert not info.available
+    assert info.reason.startswith("endless_engine:Engine: no answer within 1 s")
 
 
 def test_engines_that_ship_keep_their_names(plugin):

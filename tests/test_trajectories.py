@@ -334,6 +334,8 @@ DEFECTS = {
     "another velocity": (changed("vx", lambda v: 1.001 * v), "starts with vx"),
     "another order": (changed("particle", lambda p: 1 - p), "another order"),
     "another mass": (changed("mass", lambda m: 1.01 * m), "has the mass"),
+    "no mass at the end": (changed("mass", lambda m: 0.0, slice(-1, None)), "from 1e-06 of its"),
+    "a negative mass": (changed("mass", lambda m: -m, slice(-1, None)), "from 1e-06 of its"),
     "another diameter": (lambda t: t.assign(radius=1e-6), "has the diameter"),
     "a column twice": (lambda t: t.assign(xu=t.x), "two columns hold x"),
 }

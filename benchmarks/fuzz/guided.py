@@ -1,8 +1,9 @@
 """Inputs that atheris finds by the paths they take: `python -m benchmarks.fuzz.guided TARGET COUNT FILE`.
 
 The functions that read are instrumented; inputs that reach new branches are kept in a folder beside FILE, and
-spoilt further by the mutations of this package or those of libFuzzer.  Counts and findings go to FILE, which
-is written again and again since libFuzzer ends the process.  Needs the extra `fuzz`.
+spoilt further by the mutations of this package or those of libFuzzer; the others are good ones, spoilt.
+Counts and findings go to FILE, which is written again and again since libFuzzer ends the process.  Needs the
+extra `fuzz`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 
 LONGEST = 60_000  # bytes of an input
 WRITE_EVERY = 500  # inputs
+AFRESH = 0.6  # of the inputs start from a good one: most that are kept are refused by their first lines
 READERS = [  # whose functions are instrumented; compiled kernels cannot be
     "reference.case", "reference.case_rules", "reference.case_sections", "reference.case_optimise",
     "reference.toml_source", "reference.units", "reference.checkpoint", "reference.recording",
@@ -57,7 +59,8 @@ def main() -> None:
     instrument()
     corpus = file.parent / f"corpus-{target}"
     corpus.mkdir(parents=True, exist_ok=True)
-    for k, data in enumerate(seeds.SEEDS[target]()):
+    good = seeds.SEEDS[target]()
+    for k, data in enumerate(good):
         (corpus / f"seed-{k:03}").write_bytes(data)
     counts: Counter[str] = Counter()
     findings: list[dict[str, Any]] = []
@@ -74,6 +77,8 @@ def main() -> None:
 
     def mutate(data: bytes, longest: int, seed: int) -> bytes:
         rng = random.Random(seed)
+        if rng.random() < AFRESH:
+            return mutations.spoilt(rng.choice(good), rng, most=3)[:longest]
         spoilt = atheris.Mutate(data, longest) if rng.random() < 0.3 else mutations.spoilt(data, rng)
         return bytes(spoilt[:longest])
 

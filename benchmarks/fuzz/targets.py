@@ -23,7 +23,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fuzz import mutations, seeds
-from cmpcheck.deck import _input_file, _require_known_variables, _return_to_caller
+from cmpcheck.deck import (
+    _input_file,
+    _require_known_variables,
+    _require_readable_numbers,
+    _return_to_caller,
+)
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck
 from cmpcheck.export import export_run
@@ -194,6 +199,7 @@ def deck(data: bytes, folder: Path) -> None:
     _input_file(words)
     read = Deck.read(folder / "in.case")
     _require_known_variables(read, words)
+    _require_readable_numbers(read, words)
     if "quit" in read.definitions().split():
         raise Finding("a quit is left, which would end the process")
     for part in read.around_fix():

@@ -19,13 +19,13 @@ ENGINES = ("reference", "lammps", "liggghts")  # that ship
 GROUP = "cmpcheck.engines"
 
 
-class BrokenPlugin:
-    """Stands for an engine of another package that cannot be made, and says why."""
+class Ambiguous:
+    """Stands for the engines of several packages under one name, and says so."""
 
     surface_forms: tuple[str, ...] = ("native",)
 
     def __init__(self, name: str, problem: str) -> None:
-        self.name, self.problem = name, " ".join(problem.split())
+        self.name, self.problem = name, problem
 
     def info(self) -> EngineInfo:
         """It is not available."""
@@ -72,14 +72,9 @@ def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
 
 
 def _make_plugin(name: str) -> Engine:
-    found = sorted({point.value for point in _plugins() if point.name == name})
+    from cmpcheck.engines.plugin import PluginEngine
+
+    found = {point.value: point for point in _plugins() if point.name == name}
     if len(found) > 1:
-        return BrokenPlugin(name, f"several packages bring an engine {name}: {', '.join(found)}")
-    try:
-        engine: Engine = next(iter(_plugins().select(name=name))).load()()
-        info = engine.info()
-        if not isinstance(info, EngineInfo) or engine.name != name or not callable(engine.run):
-            raise TypeError(f"it is no engine named {name}: see cmpcheck.engines.protocol")
-    except Exception as problem:  # somebody else's code
-        return BrokenPlugin(name, f"{found[0]}: {type(problem).__name__}: {problem}")
-    return engine
+        return Ambiguous(name, f"several packages bring an engine {name}: {', '.join(sorted(found))}")
+    return PluginEngine(*found.values())

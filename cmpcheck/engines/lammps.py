@@ -11,13 +11,14 @@ import math
 import re
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cmpcheck.engines.child import ChildError, ChildLost, shared_child
-from cmpcheck.engines.lammps_library import EngineError, available, version
+from cmpcheck.engines.lammps_library import INSTALL, EngineError, probe
 from cmpcheck.engines.lammps_run import simulate
 from cmpcheck.engines.lammps_setup import NO_QUIT, Deck, deck_path, last_words
 from cmpcheck.engines.observed import Observed, label, observed_run
@@ -28,6 +29,7 @@ from reference.case import Case
 from reference.recording import Run
 from reference.state import Setup
 
+ANSWERS_WITHIN = 120.0  # s, until it is known whether LAMMPS can be loaded
 DEEPEST = 0.1  # of a radius: an overlap that no contact with a wall has
 SAID_ALREADY = re.compile(rf"{NO_QUIT}|^Last input line|^\(src/|^Total wall time")
 
@@ -53,9 +55,9 @@ class LammpsEngine:
         return Deck.read(Path(self.decks.get(case) or deck_path(case)))
 
     def info(self) -> EngineInfo:
-        """Whether LAMMPS can be loaded, and which version."""
-        found, reason = available()
-        return EngineInfo(self.name, version() if found else "", found, reason)
+        """Whether LAMMPS can be loaded, and which version; asked in the child, for its MPI may abort."""
+        found, reason = probe() if self.in_process else _asked()
+        return EngineInfo(self.name, found, bool(found), reason)
 
     def run(self, setup: Setup, resolution: Resolution) -> Run:
         """Simulate a setup.  Raises EngineError, with LAMMPS's own words, when that fails.
@@ -69,7 +71,7 @@ class LammpsEngine:
         limit = timeout_of(setup.case, self.name)
         try:
             seen = self._observe(limit, (deck, setup, resolution, stride, time_step))
-            run = observed_run(setup, resolution, seen, time_step, self.name, version())
+            run = observed_run(setup, resolution, seen, time_step, self.name, self.info().version)
             run.provenance["deck_digest"] = deck.digest
             if deck.external_fix is None and setup.model.has_surface:
                 _require_no_surface_struck(deck, setup, run)
@@ -88,6 +90,16 @@ class LammpsEngine:
                 return simulate(*asked, log)
             except EngineError as error:
                 raise EngineError(f"{error}{last_words(log, SAID_ALREADY)}") from error
+
+
+@cache
+def _asked() -> tuple[str, str]:
+    """What `probe` finds in the child; where that dies, why."""
+    try:
+        found: tuple[str, str] = ask_child(probe, timeout=ANSWERS_WITHIN)
+    except EngineError as error:
+        return "", f"{error}; {INSTALL}"
+    return found
 
 
 def ask_child(function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:

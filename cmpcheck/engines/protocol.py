@@ -35,6 +35,9 @@ class NotSupported(RuntimeError):
 class Engine(Protocol):
     """A code that simulates setups.
 
+    One of another package is imported, made and run in a child process, whose working directory is a folder
+    of its own; a run that takes longer than `[engine.NAME] timeout` is ended.
+
     An engine without a ledger of contacts returns `cmpcheck.trajectories.trajectory_run(...)`, which is
     judged by velocities, positions and masses.
     """

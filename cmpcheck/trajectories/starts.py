@@ -39,6 +39,7 @@ from reference.toml_source import CaseError
 EPS = float(np.finfo(float).eps)
 UNIT_ROUNDING = 8 * EPS  # relative: a number is multiplied and divided by a unit a few times
 END = 1e-6  # of the case's duration, by which a file may end early
+LIGHTEST = 1e-6  # of a mass at the start: particles pick up and never lose, and impulses are divided by it
 MOST_STEPS = 1e6  # of a code that does not state its time step, for what rounding adds up to
 READERS: dict[str, Callable[[Path], Frames]] = {
     ".csv": read_csv, ".txt": read_csv, ".parquet": read_parquet, ".pq": read_parquet, ".pvd": read_series,
@@ -270,6 +271,13 @@ def _masses(columns: Columns, setup: Setup, units: Units) -> tuple[np.ndarray, n
         p = int(wrong.argmax())
         raise CaseError(
             f"{columns.path}: particle {p} has the mass {masses[0, p]:.6g} kg, the case {start[p]:.6g} kg"
+        )
+    light = ~(masses >= LIGHTEST * start)
+    if light.any():
+        frame, p = np.argwhere(light)[0]
+        raise CaseError(
+            f"{columns.path}: particle {p} has the mass {masses[frame, p]:.6g} kg at output {frame}; "
+            f"allowed: from {LIGHTEST:g} of its {start[p]:.6g} kg at the start on"
         )
     return masses, np.full(len(start), bound), True
 
