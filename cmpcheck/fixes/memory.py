@@ -26,6 +26,7 @@ NAMES = {
     "name_radius_at": b"radius",
     "name_rmass_at": b"rmass",
     "name_state_at": b"d2_cmpcheck",
+    "name_given_at": b"d2_cmpcheck_given",
 }
 
 
@@ -94,7 +95,8 @@ class Memory:
         for name in ("modulus", "heights", "rows", "by_tag", "position", "pairs", "listed", "samples"):
             self._context[f"{name}_at"] = getattr(self, name).ctypes.data
         c.open_at, c.address = self.open_pairs.ctypes.data, self.address
-        c.tag_at, c.travel_at = self.local.tag.ctypes.data, self.local.travel.ctypes.data
+        for name, array in self.local._asdict().items():
+            self._context[f"{name}_at"] = array.ctypes.data
 
     def contacts(self, rows: np.ndarray | None = None) -> pd.DataFrame:
         """Ledger rows, by default all that are kept here, as a table sorted by time and particle; SI."""
