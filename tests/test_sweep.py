@@ -51,7 +51,7 @@ def advanced(setup, arrays, form, last_step, travel=0.0, known=None):
     c.last_step, c.time_step = last_step, TIME_STEP
     memory.local.tag[:], memory.local.travel[:] = arrays[0] if known is None else known, travel
     copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
-    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local)
+    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near)
     assert c.error == NO_ERROR
     return copies[8], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
 

@@ -26,6 +26,7 @@ from cmpcheck.fixes.layout import (
     OPEN_COLUMNS,
     STATE_COLUMNS,
 )
+from cmpcheck.fixes.near import MOST_SQUARES, Near
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
@@ -112,13 +113,19 @@ def take_step(c, step, n, tags, x, force):
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
     local = Local(
         carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles),
-        floats(c.seen_at, c.particles, 4),
+        numbers(c.since_at, c.particles), floats(c.seen_at, c.particles, 4),
     )  # fmt: skip
+    near = Near(
+        floats(c.place_at, c.particles, 4),
+        carray(pointer_to(c.fallen_at), (c.particles,), dtype=types.int64),
+        carray(pointer_to(c.count_at), (c.particles,), dtype=types.int32),
+        carray(pointer_to(c.squares_at), (c.particles, MOST_SQUARES, 3), dtype=types.int32),
+    )
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows
     lower_pad(c, step)
     advance_particles(
-        c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local
+        c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
     )  # fmt: skip
     remove_in_order(c, heights, rows, first, c.rows)
 

@@ -19,6 +19,7 @@ from cmpcheck.fixes.layout import (
     TUNNELLED,
     WAITING,
 )
+from cmpcheck.fixes.near import STEPS_AHEAD, WIDEST, contact_nearby, is_near, remember
 from cmpcheck.fixes.sweep import uncounted
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surface_impact
@@ -87,17 +88,22 @@ def overlap_with(position, radius, qx, qy, qz):
 
 
 @uncounted
-def look_at_surface(c, position, radius, heights, state):
-    """Overlap, normal (three components) and closest point (three) of a particle with the surface.
+def look_at_surface(c, k, position, speed, radius, heights, state, near):
+    """Overlap, normal (three components) and closest point (three) of particle k with the surface.
 
     One that has no contact is looked at further ahead: the surface only ever falls, so what was found of it
-    bounds the distance until the way in `state` is used up.
+    bounds the distance until the way in `state` is used up.  `speed` (m/s) or more is how fast it is.
     """
-    free = state[PHASE] == FREE
+    x, y, z = position
+    spacing, free = c.model.spacing, state[PHASE] == FREE
     reach = (1.0 + SEARCH_MARGIN) * radius if free else radius
-    found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
-        heights, c.model.spacing, position[0], position[1], position[2], reach
-    )
+    if is_near(near, k, c.falls, x, y, z):
+        found, overlap, nx, ny, nz, qx, qy, qz = contact_nearby(near, k, heights, spacing, x, y, z, reach)
+    else:
+        found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(heights, spacing, x, y, z, reach)
+        if found:
+            way = min(STEPS_AHEAD * c.time_step * speed, WIDEST * radius)
+            remember(near, k, c.falls, heights, spacing, x, y, z, reach - overlap, way)
     if free:
         state[CLEARANCE] = (SEARCH_MARGIN - ROUNDING) * radius - (overlap if found else 0.0)
         overlap = overlap_with(position, radius, qx, qy, qz) if found else 0.0
@@ -236,8 +242,11 @@ def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, conta
         contact[PHASE], contact[START] = WAITING, step
     if waits and (step - contact[START]) * c.time_step < c.patience:
         return 0.0, NO_ERROR
-    open_pad_contact(c, contact[START] * c.time_step, position, approach, tag, contact)
     j = surface_normal_impulse(mass, -approach, c.model.pad_restitution)
+    if approach < c.ledger_speed:  # no row is kept of it, see `is_kept`: the pad removes nothing
+        contact[PHASE] = FREE
+        return j / acts, NO_ERROR
+    open_pad_contact(c, contact[START] * c.time_step, position, approach, tag, contact)
     contact[col.NORMAL_IMPULSE] = j
     contact[col.ENERGY_LOST] = impact_energy_lost(mass, 0.0, v_half, -v_half[2], j)
     return j / acts, close_contact(c, contact, rows)

@@ -79,6 +79,8 @@ CONTEXT = np.dtype(
         ("ledger_speed", "f8"),  # slower contacts that remove nothing are not kept, m/s
         ("patience", "f8"),  # longest wait for a pair force to end, s
         ("highest", "f8"),  # no node is above this, m
+        ("at_pad", "i8"),  # particles in its reach at the last step that came at it, or were in contact
+        ("falls", "i8"),  # how often the surface has fallen
         ("lag", "f8"),  # the velocities seen are this much older than the positions, s
         ("last_step", "i8"),
         ("rows", "i8"),  # ledger rows in use
@@ -124,7 +126,12 @@ CONTEXT = np.dtype(
         ("name_given_at", "i8"),
         ("tag_at", "i8"),  # those of sweep.Local
         ("travel_at", "i8"),
+        ("since_at", "i8"),
         ("seen_at", "i8"),
+        ("place_at", "i8"),  # and those of near.Near
+        ("fallen_at", "i8"),
+        ("count_at", "i8"),
+        ("squares_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),
         ("rows_at", "i8"),

@@ -30,20 +30,26 @@ from cmpcheck.fixes.layout import (
     PICOGRAM,
 )
 from cmpcheck.fixes.sweep import (
+    SURELY,
     copied,
     meet,
     remarkable,
+    stokes_drag,
     stokes_factor,
     strangers,
     sweep,
+    sweep_with_pad,
     uncounted,
+    waiting_since,
     way_left,
     way_since,
 )
 from reference import ledger as col
 from reference.collisions import commit_removal, drag_on
 from reference.compiled import formula, inlined
+from reference.state import FLOW_NONE
 
+FEW = 50  # where one particle in so many is at the pad, that is done in the loop over all of them
 TOGETHER = 256  # atoms that are swept before the next ones: what they need stays in the first cache
 
 
@@ -58,6 +64,19 @@ def drag_now(model, pad_height, lag, z, vx, vy, vz, mass, diameter):
     return drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)
 
 
+@formula
+def stokes_now(model, pad_height, lag, z, vx, vy, vz, mass, diameter, per_diameter):
+    """`drag_now` where Stokes's law holds: three components, and whether it surely does.
+
+    `per_diameter` as in `sweep`.
+    """
+    ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, per_diameter * diameter)
+    if model.flow == FLOW_NONE:
+        return ex, ey, ez, True
+    per_slip = model.fluid_density / model.viscosity * diameter
+    return ex, ey, ez, slip * (per_slip * per_slip) <= SURELY
+
+
 @uncounted
 def fail(c, code, step, tag, force):
     """Note the first error, and leave no force behind."""
@@ -68,36 +87,42 @@ def fail(c, code, step, tag, force):
 
 @uncounted
 def advance_particles(
-    c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local
+    c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
 ):  # fmt: skip
     """Fill `force` (n, 3) with the forces of this step, in LAMMPS units; finished contacts go to `rows`.
 
     Arrays of the rank's own atoms, in LAMMPS units: x, v, f (n, 3), radius, mass (n,); state
     (n, STATE_COLUMNS), given (n, GIVEN_COLUMNS).  `v` and `mass` change when a particle picks up material.
-    `heights` is only read.  `local` is a `sweep.Local`.
+    `heights` is only read.  `local` is a `sweep.Local`, `near` a `near.Near`.
     Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
     """
     c.lag, c.pushed = 0.0, 0
     if strangers(local.tag, tags) > 0:
         meet(c.model, local, tags, x, radius, state)
-    travel = local.travel[: tags.size]
+    travel, since = local.travel[: tags.size], local.since[: tags.size]
     usual = 0 <= c.last_step < step and c.form != OBSERVE
     if usual:
         c.lag = 0.5 * c.time_step
     model = copied(c.model)
     factor = stokes_factor(model)
-    strikes = c.pad_velocity if c.form == IMPULSE else math.inf  # a soft pad also by what else acts
+    strikes, kept = math.inf, -math.inf  # a soft pad also by what else acts
+    if c.form == IMPULSE:
+        strikes, kept = c.pad_velocity, c.ledger_speed
+    many = c.at_pad * FEW >= tags.size
+    c.at_pad = 0
     flat_x, flat_v, flat_f = x.reshape(x.size), v.reshape(v.size), f.reshape(f.size)
     flat_force, flat_given = force.reshape(force.size), given.reshape(given.size)
     for begin in range(0, tags.size, TOGETHER):
         end = min(begin + TOGETHER, tags.size)
         if usual:
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
-            sweep(
-                model, step, c.pad_height, strikes, c.time_step, factor, flat_x[rows_of_three],
-                flat_v[rows_of_three], flat_f[rows_of_three], radius[some], mass[some], travel[some],
-                flat_given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)], flat_force[rows_of_three],
+            arguments = (
+                model, step, c.pad_height, strikes, kept, c.patience, c.time_step, factor,
+                flat_x[rows_of_three], flat_v[rows_of_three], flat_f[rows_of_three], radius[some], mass[some],
+                travel[some], since[some], flat_given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+                flat_force[rows_of_three],
             )  # fmt: skip
+            c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
             if remarkable(travel[some]) == 0:
                 continue
         for i in range(begin, end):
@@ -109,14 +134,15 @@ def advance_particles(
                 contact[CLEARANCE] = -travel[i]
             else:  # before a run a deck may have moved anything
                 contact[CLEARANCE] = way_since(c.model, seen, x[i], radius[i])
+                near.place[tags[i] - 1, 3] = -1.0
             error = advance_particle(
                 c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given[i], force, modulus,
-                heights, rows,
+                heights, rows, near, factor,
             )  # fmt: skip
             if error != NO_ERROR:
                 fail(c, error, step, tags[i], force)
                 return
-            travel[i] = way_left(contact)
+            travel[i], since[i] = way_left(contact), waiting_since(contact)
     if c.observe_pairs:
         c.pushed = count_pushed(f)
 
@@ -132,7 +158,8 @@ def count_pushed(f):
 
 @inlined
 def advance_particle(
-    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, force, modulus, heights, rows
+    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, force, modulus, heights, rows,
+    near, factor,
 ):  # fmt: skip
     """Fill `force[i]`, whatever acts; return an error code.  `usual`: it was evaluated before."""
     dt, model = c.time_step, c.model
@@ -154,12 +181,15 @@ def advance_particle(
         for axis in range(3):
             given[FORCE + axis] = 0.0
         return NO_ERROR
-    ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
+    ex, ey, ez, calm = stokes_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i, factor)
+    if not calm:
+        ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
     ahead = c.lag / m
     v_free = (vx + ahead * (ex + gx), vy + ahead * (ey + gy), vz + ahead * (ez + gz))
     push = 0.0
     pad = contact[PAD:PAD_END]
     if model.has_pad and (pz + radius_i > c.pad_height or pad[PHASE] != FREE):
+        c.at_pad += 1
         if c.form == IMPULSE:
             push, error = impulse_pad(
                 c, step, acts, waits, (px, py, pz), (vx, vy, vz), m, radius_i, tag, pad, rows
@@ -170,7 +200,8 @@ def advance_particle(
             return error
     sx, sy, sz, gained = 0.0, 0.0, 0.0, 0.0
     if model.has_surface and (contact[PHASE] != FREE or contact[CLEARANCE] <= 0.0):
-        touch = look_at_surface(c, (px, py, pz), radius_i, heights, contact)
+        speed = abs(vx) + abs(vy) + abs(vz)
+        touch = look_at_surface(c, tag - 1, (px, py, pz), speed, radius_i, heights, contact, near)
         seen[0], seen[1], seen[2], seen[3] = px, py, pz, radius_i + contact[CLEARANCE]
         if contact[PHASE] == FREE and contact[CLEARANCE] > 0.0:
             pass  # too far off
@@ -219,4 +250,5 @@ def remove_in_order(c, heights, rows, first, last):
                 rows[slot - 1, column], rows[slot, column] = rows[slot, column], rows[slot - 1, column]
             slot -= 1
     if commit_removal(c.model, heights, rows, first, last):
+        c.falls += 1
         c.highest = highest_node(heights, c.highest)

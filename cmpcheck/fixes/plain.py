@@ -227,11 +227,11 @@ def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: 
 def advance_particles(
     c: Any, step: int, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray, radius: np.ndarray,
     mass: np.ndarray, state: np.ndarray, given: np.ndarray, force: np.ndarray, modulus: np.ndarray,
-    heights: np.ndarray, rows: np.ndarray, _local: Any,
+    heights: np.ndarray, rows: np.ndarray, _local: Any, _near: Any,
 ) -> None:  # fmt: skip
     """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`.
 
-    What only saves time, `_local`, has no use here.
+    What only saves time, `_local` and `_near`, has no use here.
     """
     c.lag = 0.0
     for i, tag in enumerate(tags):

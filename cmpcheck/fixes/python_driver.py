@@ -59,7 +59,7 @@ class PythonCallback:
                 lower_pad(c, step)
                 self.advance(
                     c, step, tags, x, v, f, radius, mass, state, given, force,
-                    memory.modulus, memory.heights, memory.rows, memory.local,
+                    memory.modulus, memory.heights, memory.rows, memory.local, memory.near,
                 )  # fmt: skip
             except Exception as failure:
                 self.failure = failure
