@@ -111,6 +111,25 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
 
 
 @uncounted
+def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contact, near):
+    """Whether particle k, of which the surface is remembered, overlaps it and `impulse_contact` would do nothing.
+
+    So it is as long as it goes away from the surface, and while a contact waits.
+    """
+    x, y, z = position
+    if not is_near(near, k, c.falls, x, y, z):
+        return False
+    found, overlap, nx, ny, nz, _, _, _ = contact_nearby(near, k, heights, c.model.spacing, x, y, z, radius)
+    if not (found and overlap > 0.0):
+        return False
+    if velocity[0] * nx + velocity[1] * ny + velocity[2] * nz < 0.0:
+        waiting = contact[PHASE] == WAITING
+        return waiting and waits and (step - contact[START]) * c.time_step < c.patience
+    contact[PHASE] = FREE
+    return True
+
+
+@uncounted
 def soft_contact(
     c, time, acts, touch, position, v_half, v_free, mass, radius, tag, modulus, contact, rows
 ):  # fmt: skip

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from cmpcheck.fixes.contacts import impulse_contact, impulse_pad, look_at_surface, soft_contact, soft_pad
+from cmpcheck.fixes.contacts import impulse_contact, impulse_pad, is_left_alone, look_at_surface, soft_contact, soft_pad
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     EVALUATED,
@@ -129,6 +129,13 @@ def advance_particles(
             if usual and travel[i] > 0.0:
                 continue
             contact = state[i]
+            if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
+                waits = f[i, 0] != 0.0 or f[i, 1] != 0.0 or f[i, 2] != 0.0
+                if is_left_alone(
+                    c, step, tags[i] - 1, (x[i, 0] * MICRO, x[i, 1] * MICRO, x[i, 2] * MICRO),
+                    (v[i, 0], v[i, 1], v[i, 2]), waits, radius[i] * MICRO, heights, contact, near,
+                ):  # fmt: skip
+                    continue
             seen = local.seen[tags[i] - 1]
             if usual:
                 contact[CLEARANCE] = -travel[i]
