@@ -42,7 +42,7 @@ def empty_near(n: int) -> Near:
     )
 
 
-@uncounted
+@inlined
 def is_near(near, k, falls, px, py, pz):
     """Whether what is remembered of particle k still holds at a position."""
     if near.fallen[k] != falls:
@@ -75,7 +75,7 @@ def closest_of(side, px, py, pz, x0, x1, y0, y1, z00, z10, z01, z11):
     return closest_point_on_triangle(px, py, pz, x0, y0, z00, x1, y1, z11, x0, y1, z01)
 
 
-@uncounted
+@inlined
 def contact_nearby(near, k, z, spacing, px, py, pz, radius):
     """Contact of particle k with its squares, as `surface_contact`: (found, overlap, nx, ny, nz, qx, qy, qz)."""
     n_x, n_y = z.shape
