@@ -266,7 +266,7 @@ def test_cmpcheck_deck_notices_that_nothing_was_simulated(end, tmp_path):
     "old, new, message",
     [
         ("fix integrate all nve ", "fix integrate all nvee ", "nvee"),
-        ("d2_cmpcheck 53", "d2_cmpcheck 3", "must define the per-atom state"),
+        ("d2_cmpcheck 49", "d2_cmpcheck 3", "must define the per-atom state"),
         ("index soft ", "index softly ", "form = 'softly'"),
         ("create_atoms 1 single", "#", "without atoms"),
     ],

@@ -289,9 +289,23 @@ def test_run_after_run_accumulates_nothing_twice(form):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("how", ["displace_atoms all move 0 0 -2.1", "set group all diameter 5.2"])
+def test_what_a_deck_does_between_runs_is_seen(how):
+    lmp = open_lammps(["-screen", "none", "-log", "none"])
+    lmp.commands_string(deck([(2.5, 5.0, 2.6), (7.5, 5.0, 2.6)], [(0.0, 0.0, -0.1)] * 2, T_C / 10))
+    fix = attach(lmp, 2, make_model(), form="impulse")
+    lmp.command("run 10")
+    fix.check()
+    assert len(fix.contacts()) == 0
+    lmp.commands_string(how)
+    lmp.command("run 20")
+    fix.check()
+    assert sorted(fix.contacts().i) == [0, 1]
+
+
 def test_contacts_survive_a_restart(tmp_path):
     positions, velocities, heights = scatter(3)
-    model, steps = make_model(**REMOVING), 2000
+    model, steps = make_model(**REMOVING, flow=FLOW_UNIFORM, flow_x=0.5, flow_z=-0.2), 2000
     whole = simulate(positions, velocities, T_C / 10, steps, model, heights=heights, sample_every=steps)
     contacts = whole.contacts()
     inside = int((contacts.time[7] + 0.5 * contacts.contact_time[7]) / (T_C / 10))  # in the middle of one
@@ -354,7 +368,8 @@ def test_an_exception_in_the_callback_surfaces(monkeypatch):
 @pytest.mark.parametrize(
     "options, message",
     [({"state": ""}, "property/atom d2_cmpcheck"),
-     ({"state": "fix cmpcheck_state all property/atom d2_cmpcheck 3"}, "property/atom d2_cmpcheck"),
+     ({"state": "fix cmpcheck_state all property/atom d2_cmpcheck 3 d2_cmpcheck_given 4"}, "d2_cmpcheck 49"),
+     ({"state": "fix cmpcheck_state all property/atom d2_cmpcheck 49"}, "d2_cmpcheck_given 4"),
      ({"commands": "create_atoms 1 single 1 1 9"}, "3 atoms"),
      ({"commands": "group first id 1\ndelete_atoms group first compress no\ncreate_atoms 1 single 1 1 9"},
       "tags must be 1 ... 2")],

@@ -184,7 +184,7 @@ def test_the_deck_of_a_user_is_what_is_run(tmp_path):
         ("pair_slip", 'if "${driver}', 'if "a${driver}', 'no line begins with  if "${driver}'),
         ("pair_slip", "atom_style sphere 1", "atom_style atomic", "atom"),
         ("pair_slip", "units micro", "units si", "units micro"),
-        ("wall_bounce", "d2_cmpcheck 53", "d2_cmpcheck 3", "must define the per-atom state"),
+        ("wall_bounce", "d2_cmpcheck 49", "d2_cmpcheck 3", "must define the per-atom state"),
         ("pair_slip", "<= 0.1353353", "<= 2", "restitution above exp(-2)"),
     ],
 )

@@ -136,7 +136,7 @@ def test_all_that_a_deck_lacks_is_named_at_once(replacements, lacks, tmp_path):
 
 def test_the_state_of_the_fix_is_named(tmp_path):
     with pytest.raises(CaseError, match="per-atom state of the fix: fix cmpcheck_state"):
-        check("wall_bounce", deck(tmp_path, "wall_bounce", ("d2_cmpcheck 53", "d2_cmpcheck 3")))
+        check("wall_bounce", deck(tmp_path, "wall_bounce", ("d2_cmpcheck 49", "d2_cmpcheck 3")))
 
 
 def test_a_deck_that_lacks_something_ends_the_command_before_anything_runs(tmp_path):

@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from cmpcheck.fixes.layout import CLEARANCE, EVALUATED, MICRO, NO_ERROR, PICOGRAM, STATE_COLUMNS
+from cmpcheck.fixes.layout import (
+    CLEARANCE,
+    EVALUATED,
+    GIVEN_COLUMNS,
+    MICRO,
+    NO_ERROR,
+    PICOGRAM,
+    STATE_COLUMNS,
+)
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.particles import advance_particles
+from cmpcheck.fixes.sweep import way_since
 from reference.case import load_case
 from reference.process import build_setup
 
@@ -23,11 +32,12 @@ def layer(calm=True):
     velocity = state.velocity.copy()
     if not calm:
         velocity += FAST * np.random.default_rng(0).uniform(-1.0, 1.0, (n, 3))
-    kept = np.zeros((n, STATE_COLUMNS))
-    kept[:, EVALUATED] = STEP  # of the step before, plus one
+    given = np.zeros((n, GIVEN_COLUMNS))
+    given[:, EVALUATED] = STEP  # of the step before, plus one
     return setup, [
         np.arange(1, n + 1, dtype=np.int32), state.position / MICRO, velocity, np.zeros((n, 3)),
-        state.diameter / 2 / MICRO, state.mass / PICOGRAM, kept, np.zeros((n, 3)),
+        state.diameter / 2 / MICRO, state.mass / PICOGRAM, np.zeros((n, STATE_COLUMNS)), given,
+        np.zeros((n, 3)),
     ]  # fmt: skip
 
 
@@ -41,9 +51,9 @@ def advanced(setup, arrays, form, last_step, travel=0.0, known=None):
     c.last_step, c.time_step = last_step, TIME_STEP
     memory.local.tag[:], memory.local.travel[:] = arrays[0] if known is None else known, travel
     copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
-    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local)
+    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near)
     assert c.error == NO_ERROR
-    return copies[7], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
+    return copies[8], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
 
 
 @pytest.mark.nojit
@@ -81,3 +91,30 @@ def test_a_particle_above_the_pad_is_struck_by_it():
     force, looked_at = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO)
     assert looked_at == [0]
     assert force[0, 2] < 0.0
+
+
+@pytest.mark.nojit
+def test_a_particle_in_the_pad_that_goes_away_from_it_needs_no_look():
+    setup, arrays = layer()
+    arrays[1][:2, 2] = setup.state.pad_height / MICRO
+    arrays[2][:2, 2] = -0.5, 0.5
+    assert advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO)[1] == [1]
+    assert advanced(setup, arrays, "soft", STEP - 1, travel=MICRO)[1] == [0, 1]
+
+
+@pytest.mark.nojit
+def test_who_was_in_contact_with_the_pad_is_looked_at_again():
+    setup, arrays = layer()
+    assert advanced(setup, arrays, "soft", STEP - 1, travel=-MICRO)[1] == list(range(len(arrays[0])))
+
+
+@pytest.mark.nojit
+def test_the_way_left_is_what_the_surface_was_found_away_less_the_distance_gone():
+    model = layer()[0].model
+    x, radius = np.array([1.0, 2.0, 3.0]), 0.5
+    seen = np.array([1e-6 + model.length_x, 2e-6, 3e-6 + 0.2e-6, 0.9e-6])  # an image of it, 0.2 um above
+    # Differences of lengths of up to one period, each rounded.
+    eps = 8 * np.finfo(float).eps * model.length_x
+    assert way_since(model, seen, x, radius) == pytest.approx(0.2e-6, rel=0.0, abs=eps)
+    assert way_since(model, seen, x, 0.8) == 0.0  # larger now
+    assert way_since(model, np.zeros(4), x, radius) == 0.0  # never seen

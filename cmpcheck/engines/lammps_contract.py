@@ -10,11 +10,11 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from cmpcheck.engines.lammps_library import EngineError, open_lammps, per_atom_columns
+from cmpcheck.engines.lammps_library import EngineError, open_lammps
 from cmpcheck.engines.lammps_setup import Deck, create_atoms, execute, input_flags, variables
 from cmpcheck.engines.protocol import Resolution
-from cmpcheck.fixes.layout import MICRO, STATE_COLUMNS
-from cmpcheck.fixes.slurry import DEFINE_STATE
+from cmpcheck.fixes.layout import MICRO
+from cmpcheck.fixes.slurry import DEFINE_STATE, defines_state
 from cmpcheck.phases import tile
 from reference.state import Setup
 from reference.toml_source import CaseError
@@ -118,6 +118,6 @@ def _lacks(lmp: Any, deck: Deck, setup: Setup) -> list[str]:
             )
     if lmp.get_natoms() > 0:
         lacks.append(f"an empty box (it has {lmp.get_natoms():.0f} atoms): cmpcheck creates them")
-    if deck.external_fix is not None and per_atom_columns(lmp, "d2_cmpcheck") != STATE_COLUMNS:
+    if deck.external_fix is not None and not defines_state(lmp):
         lacks.append(f"the per-atom state of the fix: {DEFINE_STATE}")
     return lacks

@@ -17,7 +17,16 @@ from numba import carray, types
 from numba.extending import intrinsic
 
 from cmpcheck.fixes.contacts import lower_pad
-from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, MICRO, NO_ERROR, OPEN_COLUMNS, STATE_COLUMNS
+from cmpcheck.fixes.layout import (
+    BY_TAG_COLUMNS,
+    CONTEXT,
+    GIVEN_COLUMNS,
+    MICRO,
+    NO_ERROR,
+    OPEN_COLUMNS,
+    STATE_COLUMNS,
+)
+from cmpcheck.fixes.near import MOST_SQUARES, Near
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
@@ -68,6 +77,7 @@ def find_arrays(c, step):
     c.rmass_at = call(c.extract_atom_at, c.lammps, c.name_rmass_at)
     c.x_at, c.v_at = first_row(c, c.name_x_at), first_row(c, c.name_v_at)
     c.f_at, c.state_at = first_row(c, c.name_f_at), first_row(c, c.name_state_at)
+    c.given_at = first_row(c, c.name_given_at)
 
 
 @kernel
@@ -97,16 +107,26 @@ def take_step(c, step, n, tags, x, force):
         return
     find_arrays(c, step)
     v, f, state = floats(c.v_at, n, 3), floats(c.f_at, n, 3), floats(c.state_at, n, STATE_COLUMNS)
+    given = floats(c.given_at, n, GIVEN_COLUMNS)
     radius, mass = numbers(c.radius_at, n), numbers(c.rmass_at, n)
     modulus = carray(pointer_to(c.modulus_at), (c.particles,), dtype=types.float64)
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
     local = Local(
-        carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles)
+        carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles),
+        numbers(c.since_at, c.particles), floats(c.seen_at, c.particles, 4),
     )  # fmt: skip
+    near = Near(
+        floats(c.place_at, c.particles, 4),
+        carray(pointer_to(c.fallen_at), (c.particles,), dtype=types.int64),
+        carray(pointer_to(c.count_at), (c.particles,), dtype=types.int32),
+        carray(pointer_to(c.squares_at), (c.particles, MOST_SQUARES, 3), dtype=types.int32),
+    )
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows
     lower_pad(c, step)
-    advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulus, heights, rows, local)
+    advance_particles(
+        c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
+    )  # fmt: skip
     remove_in_order(c, heights, rows, first, c.rows)
 
 
@@ -116,13 +136,10 @@ def observe_step(c, step):
     n = c.local
     tags = carray(pointer_to(call(c.extract_atom_at, c.lammps, c.name_id_at)), (n,), dtype=types.int32)
     x, v, f = floats(c.x_at, n, 3), floats(c.v_at, n, 3), floats(c.f_at, n, 3)
-    radius, mass, state = (
-        numbers(c.radius_at, n),
-        numbers(c.rmass_at, n),
-        floats(c.state_at, n, STATE_COLUMNS),
-    )
+    radius, mass = numbers(c.radius_at, n), numbers(c.rmass_at, n)
+    given = floats(c.given_at, n, GIVEN_COLUMNS)
     by_tag = floats(c.by_tag_at, c.particles, BY_TAG_COLUMNS)
-    collect_by_tag(c, tags, x, v, f, radius, mass, state, by_tag)
+    collect_by_tag(c, tags, x, v, f, radius, mass, given, by_tag)
     if c.observe_pairs:
         modulus = carray(pointer_to(c.modulus_at), (c.particles,), dtype=types.float64)
         pairs = carray(pointer_to(c.pairs_at), (c.max_pairs, 2), dtype=types.int64)

@@ -6,6 +6,8 @@ asked, and what else acts on them, is `particles.py`; contacts between particles
 
 from __future__ import annotations
 
+import math
+
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     FREE,
@@ -17,9 +19,11 @@ from cmpcheck.fixes.layout import (
     TUNNELLED,
     WAITING,
 )
+from cmpcheck.fixes.near import STEPS_AHEAD, WIDEST, contact_nearby, is_near, remember
+from cmpcheck.fixes.sweep import uncounted
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surface_impact
-from reference.compiled import formula, kernel
+from reference.compiled import formula
 from reference.contact import compression_impulse, surface_normal_impulse
 from reference.heightfield import surface_contact
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
@@ -27,20 +31,20 @@ from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 ROUNDING = 1e-9  # of the radius: more than a way that is summed up over steps can lose
 
 
-@kernel
+@uncounted
 def copy_row(source, target):
     """Copy as many numbers as `target` holds."""
     for column in range(target.size):
         target[column] = source[column]
 
 
-@kernel
+@uncounted
 def is_kept(c, row):
     """Whether a contact that has ended is fast enough for the ledger, or has removed something."""
     return row[col.APPROACH_SPEED] >= c.ledger_speed or row[col.REMOVED_VOLUME] > 0.0
 
 
-@kernel
+@uncounted
 def close_contact(c, contact, rows):
     """Move an ended contact from the per-atom row to the ledger; return an error code."""
     contact[PHASE] = FREE
@@ -53,7 +57,7 @@ def close_contact(c, contact, rows):
     return NO_ERROR
 
 
-@kernel
+@uncounted
 def close_impact(c, contact, velocity, mass, gained, rows):
     """Close a contact with the surface, from which the particle carries `gained` (kg) on.
 
@@ -74,39 +78,73 @@ def spring_dashpot(c, spring, damping, mass, overlap, v_n):
     return mass * (spring * overlap - damping * v_n) / (1.0 + damping * c.lag)
 
 
-@kernel
-def has_clearance(c, position, radius, heights, state):
-    """Whether a particle that has no contact cannot have one now; looks further ahead when it is unknown.
+@formula
+def overlap_with(position, radius, qx, qy, qz):
+    """Overlap of a sphere with the surface from its closest point q: that of `surface_contact` to the bit."""
+    x, y, z = position
+    if x == qx and y == qy and z <= qz:  # the centre is on or below the surface
+        return radius + qz - z
+    return radius - math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
 
-    The surface only ever falls, so what was found of it bounds the distance until the way is used up.
+
+@uncounted
+def look_at_surface(c, k, position, speed, radius, heights, state, near):
+    """Overlap, normal (three components) and closest point (three) of particle k with the surface.
+
+    One that has no contact is looked at further ahead: the surface only ever falls, so what was found of it
+    bounds the distance until the way in `state` is used up.  `speed` (m/s) or more is how fast it is.
     """
-    if state[PHASE] != FREE:
-        return False
-    if state[CLEARANCE] <= 0.0:
-        reach = (1.0 + SEARCH_MARGIN) * radius
-        found, overlap, _, _, _, _, _, _, _ = surface_contact(
-            heights, c.model.spacing, position[0], position[1], position[2], reach
-        )
+    x, y, z = position
+    spacing, free = c.model.spacing, state[PHASE] == FREE
+    reach = (1.0 + SEARCH_MARGIN) * radius if free else radius
+    if is_near(near, k, c.falls, x, y, z):
+        found, overlap, nx, ny, nz, qx, qy, qz = contact_nearby(near, k, heights, spacing, x, y, z, reach)
+    else:
+        found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(heights, spacing, x, y, z, reach)
+        if found:
+            way = min(STEPS_AHEAD * c.time_step * speed, WIDEST * radius)
+            remember(near, k, c.falls, heights, spacing, x, y, z, reach - overlap, way)
+    if free:
         state[CLEARANCE] = (SEARCH_MARGIN - ROUNDING) * radius - (overlap if found else 0.0)
-    return state[CLEARANCE] > 0.0
+        overlap = overlap_with(position, radius, qx, qy, qz) if found else 0.0
+    return overlap, nx, ny, nz, qx, qy, qz
 
 
-@kernel
-def soft_contact(c, time, acts, position, v_half, v_free, mass, radius, tag, modulus, heights, contact, rows):
+@uncounted
+def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contact, near):
+    """Whether particle k, of which the surface is remembered, overlaps it and `impulse_contact` would do nothing.
+
+    So it is as long as it goes away from the surface, and while a contact waits.
+    """
+    x, y, z = position
+    if not is_near(near, k, c.falls, x, y, z):
+        return False
+    found, overlap, nx, ny, nz, _, _, _ = contact_nearby(near, k, heights, c.model.spacing, x, y, z, radius)
+    if not (found and overlap > 0.0):
+        return False
+    if velocity[0] * nx + velocity[1] * ny + velocity[2] * nz < 0.0:
+        waiting = contact[PHASE] == WAITING
+        return waiting and waits and (step - contact[START]) * c.time_step < c.patience
+    contact[PHASE] = FREE
+    return True
+
+
+@uncounted
+def soft_contact(
+    c, time, acts, touch, position, v_half, v_free, mass, radius, tag, modulus, contact, rows
+):  # fmt: skip
     """Spring-dashpot contact with the surface: (force in N, three components; mass gained in kg).
 
-    F = max(0, k x - c v_n), with v_n at the time of the overlap x: `v_free` is the velocity there without
-    this force.  Opens at overlap and approach, closes when the force vanishes; removal is committed then.
-    A negative mass is minus an error code.
+    `touch` is what `look_at_surface` found.  F = max(0, k x - c v_n), with v_n at the time of the overlap x:
+    `v_free` is the velocity there without this force.  Opens at overlap and approach, closes when the force
+    vanishes; removal is committed then.  A negative mass is minus an error code.
     """
     model = c.model
-    found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
-        heights, model.spacing, position[0], position[1], position[2], radius
-    )
+    overlap, nx, ny, nz, qx, qy, qz = touch
     v_n = v_free[0] * nx + v_free[1] * ny + v_free[2] * nz
     if overlap > 2.0 * radius:
         return 0.0, 0.0, 0.0, -TUNNELLED
-    overlaps = found and overlap > 0.0
+    overlaps = overlap > 0.0
     if contact[PHASE] != TOUCHING:
         if not (overlaps and v_n < 0.0):
             return 0.0, 0.0, 0.0, 0.0
@@ -129,9 +167,9 @@ def soft_contact(c, time, acts, position, v_half, v_free, mass, radius, tag, mod
     return 0.0, 0.0, 0.0, close_impact(c, contact, v_half, mass, gained, rows)
 
 
-@kernel
+@uncounted
 def impulse_contact(
-    c, step, acts, waits, position, v_half, mass, radius, tag, modulus, heights, contact, rows
+    c, step, acts, waits, touch, position, v_half, mass, radius, tag, modulus, contact, rows
 ):  # fmt: skip
     """Impulsive contact with the surface: (force in N, three components; mass gained in kg).
 
@@ -139,13 +177,11 @@ def impulse_contact(
     (`waits`) has ended, or after two contact durations.  A negative mass is minus an error code.
     """
     model = c.model
-    found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(
-        heights, model.spacing, position[0], position[1], position[2], radius
-    )
+    overlap, nx, ny, nz, qx, qy, qz = touch
     if overlap > 2.0 * radius:
         return 0.0, 0.0, 0.0, -TUNNELLED
     v_n = v_half[0] * nx + v_half[1] * ny + v_half[2] * nz
-    if not (found and overlap > 0.0 and v_n < 0.0):
+    if not (overlap > 0.0 and v_n < 0.0):
         contact[PHASE] = FREE
         return 0.0, 0.0, 0.0, 0.0
     if contact[PHASE] == FREE:
@@ -166,7 +202,7 @@ def impulse_contact(
     return force * nx, force * ny, force * nz, close_impact(c, contact, v_half, mass, gained, rows)
 
 
-@kernel
+@uncounted
 def lower_pad(c, step):
     """Move the pad from its height at the last step to that of this one, once the surface was lowered.
 
@@ -181,7 +217,7 @@ def lower_pad(c, step):
     c.pad_velocity = pad_velocity(model, c.pad_height, lowest)
 
 
-@kernel
+@uncounted
 def open_pad_contact(c, time, position, approach, tag, contact):
     """Start the ledger row of a contact with the pad."""
     row = contact[:PHASE]
@@ -191,7 +227,7 @@ def open_pad_contact(c, time, position, approach, tag, contact):
     row[col.APPROACH_SPEED] = approach
 
 
-@kernel
+@uncounted
 def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
     """Spring-dashpot contact with the pad, which moves down: (force downwards in N, error code)."""
     overlap, approach = position[2] + radius - c.pad_height, v_free[2] + c.pad_velocity
@@ -211,7 +247,7 @@ def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
     return force, NO_ERROR
 
 
-@kernel
+@uncounted
 def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, contact, rows):
     """Impulsive contact with the pad: (force downwards in N for this step, error code).
 
@@ -225,8 +261,11 @@ def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, conta
         contact[PHASE], contact[START] = WAITING, step
     if waits and (step - contact[START]) * c.time_step < c.patience:
         return 0.0, NO_ERROR
-    open_pad_contact(c, contact[START] * c.time_step, position, approach, tag, contact)
     j = surface_normal_impulse(mass, -approach, c.model.pad_restitution)
+    if approach < c.ledger_speed:  # no row is kept of it, see `is_kept`: the pad removes nothing
+        contact[PHASE] = FREE
+        return j / acts, NO_ERROR
+    open_pad_contact(c, contact[START] * c.time_step, position, approach, tag, contact)
     contact[col.NORMAL_IMPULSE] = j
     contact[col.ENERGY_LOST] = impact_energy_lost(mass, 0.0, v_half, -v_half[2], j)
     return j / acts, close_contact(c, contact, rows)

@@ -29,10 +29,15 @@ CONTACT_COLUMNS = START + 1
 # Columns of the per-atom array d2_cmpcheck: the contact with the surface, then the one with the pad, so that
 # both migrate between ranks and survive a restart.
 PAD = CONTACT_COLUMNS
-EVALUATED = PAD + CONTACT_COLUMNS  # step of the last evaluation plus one; 0: never evaluated
-FORCE = EVALUATED + 1  # three columns: the force last returned, in LAMMPS units
-CLEARANCE = FORCE + 3  # travel until the surface can be touched, m; not searched before
+PAD_END = PAD + CONTACT_COLUMNS
+CLEARANCE = PAD_END  # travel until the surface can be touched, m; not searched before
 STATE_COLUMNS = CLEARANCE + 1
+
+# Columns of d2_cmpcheck_given, what each atom was given last, for a run that goes on from there.  An array of
+# its own, because it is written for every atom at every step.
+FORCE = 0  # three columns, in LAMMPS units
+EVALUATED = 3  # step of that evaluation plus one; 0: never evaluated
+GIVEN_COLUMNS = 4
 
 FREE, WAITING, TOUCHING = 0.0, 1.0, 2.0
 
@@ -74,6 +79,8 @@ CONTEXT = np.dtype(
         ("ledger_speed", "f8"),  # slower contacts that remove nothing are not kept, m/s
         ("patience", "f8"),  # longest wait for a pair force to end, s
         ("highest", "f8"),  # no node is above this, m
+        ("at_pad", "i8"),  # particles in its reach at the last step that came at it, or were in contact
+        ("falls", "i8"),  # how often the surface has fallen
         ("lag", "f8"),  # the velocities seen are this much older than the positions, s
         ("last_step", "i8"),
         ("rows", "i8"),  # ledger rows in use
@@ -99,13 +106,14 @@ CONTEXT = np.dtype(
         ("lammps", "i8"),
         ("dt_at", "i8"),
         ("allocated_at", "i8"),  # where LAMMPS keeps the length of its per-atom arrays
-        ("allocated", "i8"),  # their length when the next six were looked up
+        ("allocated", "i8"),  # their length when the next seven were looked up
         ("x_at", "i8"),  # first rows of LAMMPS's arrays
         ("v_at", "i8"),
         ("f_at", "i8"),
         ("radius_at", "i8"),
         ("rmass_at", "i8"),
         ("state_at", "i8"),  # first row of d2_cmpcheck
+        ("given_at", "i8"),  # and of d2_cmpcheck_given
         ("extract_atom_at", "i8"),
         ("force_timeout_at", "i8"),
         ("name_id_at", "i8"),
@@ -115,8 +123,15 @@ CONTEXT = np.dtype(
         ("name_radius_at", "i8"),
         ("name_rmass_at", "i8"),
         ("name_state_at", "i8"),
+        ("name_given_at", "i8"),
         ("tag_at", "i8"),  # those of sweep.Local
         ("travel_at", "i8"),
+        ("since_at", "i8"),
+        ("seen_at", "i8"),
+        ("place_at", "i8"),  # and those of near.Near
+        ("fallen_at", "i8"),
+        ("count_at", "i8"),
+        ("squares_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),
         ("rows_at", "i8"),

@@ -11,6 +11,7 @@ import pandas as pd
 from cmpcheck.engines.lammps_library import function_address, global_address
 from cmpcheck.fixes.calibration import spring
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, FORMS, OBSERVE, OPEN_COLUMNS, SOFT
+from cmpcheck.fixes.near import empty_near
 from cmpcheck.fixes.sweep import empty_local
 from reference.ledger import empty_ledger, ledger_frame
 from reference.state import Model
@@ -26,6 +27,7 @@ NAMES = {
     "name_radius_at": b"radius",
     "name_rmass_at": b"rmass",
     "name_state_at": b"d2_cmpcheck",
+    "name_given_at": b"d2_cmpcheck_given",
 }
 
 
@@ -34,7 +36,7 @@ class Memory:
 
     Attributes: `context` (a record, see `layout.CONTEXT`), `modulus` (N,), `heights` (nx, ny), `rows` (the
     ledger), `by_tag`, `position`, `pairs` and `listed` (the positions when they were listed), `open_pairs`,
-    `samples`, `local` (see `sweep.Local`).
+    `samples`, `local` (see `sweep.Local`), `near` (see `near.Near`).
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class Memory:
         self.listed = np.zeros((n, 3))
         self.open_pairs = np.zeros((OPEN_PER_PARTICLE * n, OPEN_COLUMNS))
         self.local = empty_local(n)
+        self.near = empty_near(n)
         self.samples = np.zeros((max_samples if sample_every else 0, 1 + 7 * n))
         self._names = {key: ctypes.create_string_buffer(name) for key, name in NAMES.items()}
         self._context = np.zeros(1, dtype=CONTEXT)
@@ -94,7 +97,8 @@ class Memory:
         for name in ("modulus", "heights", "rows", "by_tag", "position", "pairs", "listed", "samples"):
             self._context[f"{name}_at"] = getattr(self, name).ctypes.data
         c.open_at, c.address = self.open_pairs.ctypes.data, self.address
-        c.tag_at, c.travel_at = self.local.tag.ctypes.data, self.local.travel.ctypes.data
+        for name, array in (self.local._asdict() | self.near._asdict()).items():
+            self._context[f"{name}_at"] = array.ctypes.data
 
     def contacts(self, rows: np.ndarray | None = None) -> pd.DataFrame:
         """Ledger rows, by default all that are kept here, as a table sorted by time and particle; SI."""

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 
-from cmpcheck.fixes.contacts import has_clearance, impulse_contact, impulse_pad, soft_contact, soft_pad
+from cmpcheck.fixes.contacts import impulse_contact, impulse_pad, is_left_alone, look_at_surface, soft_contact, soft_pad
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     EVALUATED,
     FORCE,
     FREE,
+    GIVEN_COLUMNS,
     IMPULSE,
     MICRO,
     NANO,
@@ -23,14 +24,33 @@ from cmpcheck.fixes.layout import (
     NOT_FINITE,
     OBSERVE,
     PAD,
+    PAD_END,
     PER_NEWTON,
     PHASE,
     PICOGRAM,
 )
-from cmpcheck.fixes.sweep import copied, flat, is_free, meet, note_forces, stokes_factor, strangers, sweep
+from cmpcheck.fixes.sweep import (
+    SURELY,
+    copied,
+    meet,
+    remarkable,
+    stokes_drag,
+    stokes_factor,
+    strangers,
+    sweep,
+    sweep_with_pad,
+    uncounted,
+    waiting_since,
+    way_left,
+    way_since,
+)
 from reference import ledger as col
 from reference.collisions import commit_removal, drag_on
-from reference.compiled import formula, kernel
+from reference.compiled import formula, inlined
+from reference.state import FLOW_NONE
+
+FEW = 50  # where one particle in so many is at the pad, that is done in the loop over all of them
+TOGETHER = 256  # atoms that are swept before the next ones: what they need stays in the first cache
 
 
 @formula
@@ -44,7 +64,20 @@ def drag_now(model, pad_height, lag, z, vx, vy, vz, mass, diameter):
     return drag_on(model, pad_height, z, vx + ahead * ex, vy + ahead * ey, vz + ahead * ez, diameter)
 
 
-@kernel
+@formula
+def stokes_now(model, pad_height, lag, z, vx, vy, vz, mass, diameter, per_diameter):
+    """`drag_now` where Stokes's law holds: three components, and whether it surely does.
+
+    `per_diameter` as in `sweep`.
+    """
+    ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, per_diameter * diameter)
+    if model.flow == FLOW_NONE:
+        return ex, ey, ez, True
+    per_slip = model.fluid_density / model.viscosity * diameter
+    return ex, ey, ez, slip * (per_slip * per_slip) <= SURELY
+
+
+@uncounted
 def fail(c, code, step, tag, force):
     """Note the first error, and leave no force behind."""
     if c.error == NO_ERROR:
@@ -52,45 +85,76 @@ def fail(c, code, step, tag, force):
     force[:] = 0.0
 
 
-@kernel
-def advance_particles(c, step, tags, x, v, f, radius, mass, state, force, modulus, heights, rows, local):
+@uncounted
+def advance_particles(
+    c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
+):  # fmt: skip
     """Fill `force` (n, 3) with the forces of this step, in LAMMPS units; finished contacts go to `rows`.
 
     Arrays of the rank's own atoms, in LAMMPS units: x, v, f (n, 3), radius, mass (n,); state
-    (n, STATE_COLUMNS).  `v` and `mass` change when a particle picks up material.  `heights` is only read.
-    `local` is a `sweep.Local`.
+    (n, STATE_COLUMNS), given (n, GIVEN_COLUMNS).  `v` and `mass` change when a particle picks up material.
+    `heights` is only read.  `local` is a `sweep.Local`, `near` a `near.Near`.
     Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
     """
     c.lag, c.pushed = 0.0, 0
     if strangers(local.tag, tags) > 0:
-        meet(local, tags)
-    travel = local.travel[: tags.size]
+        meet(c.model, local, tags, x, radius, state)
+    travel, since = local.travel[: tags.size], local.since[: tags.size]
     usual = 0 <= c.last_step < step and c.form != OBSERVE
     if usual:
         c.lag = 0.5 * c.time_step
-        model = copied(c.model)
-        sweep(
-            model, c.pad_height, c.time_step, stokes_factor(model), flat(x), flat(v), flat(f), radius, mass,
-            travel, flat(force),
-        )  # fmt: skip
-        note_forces(step, force, state)
-    for i in range(tags.size):
-        if usual and travel[i] > 0.0:
-            continue
-        contact = state[i]
-        contact[CLEARANCE] = -travel[i] if usual else 0.0  # before a run a deck may have moved anything
-        error = advance_particle(
-            c, step, usual, i, tags[i], x, v, f, radius, mass, contact, force, modulus, heights, rows
-        )
-        if error != NO_ERROR:
-            fail(c, error, step, tags[i], force)
-            return
-        travel[i] = contact[CLEARANCE] if is_free(contact) else 0.0
+    model = copied(c.model)
+    factor = stokes_factor(model)
+    strikes, kept = math.inf, -math.inf  # a soft pad also by what else acts
+    if c.form == IMPULSE:
+        strikes, kept = c.pad_velocity, c.ledger_speed
+    many = c.at_pad * FEW >= tags.size
+    c.at_pad = 0
+    flat_x, flat_v, flat_f = x.reshape(x.size), v.reshape(v.size), f.reshape(f.size)
+    flat_force, flat_given = force.reshape(force.size), given.reshape(given.size)
+    for begin in range(0, tags.size, TOGETHER):
+        end = min(begin + TOGETHER, tags.size)
+        if usual:
+            some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
+            arguments = (
+                model, step, c.pad_height, strikes, kept, c.patience, c.time_step, factor,
+                flat_x[rows_of_three], flat_v[rows_of_three], flat_f[rows_of_three], radius[some], mass[some],
+                travel[some], since[some], flat_given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+                flat_force[rows_of_three],
+            )  # fmt: skip
+            c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
+            if remarkable(travel[some]) == 0:
+                continue
+        for i in range(begin, end):
+            if usual and travel[i] > 0.0:
+                continue
+            contact = state[i]
+            if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
+                waits = f[i, 0] != 0.0 or f[i, 1] != 0.0 or f[i, 2] != 0.0
+                if is_left_alone(
+                    c, step, tags[i] - 1, (x[i, 0] * MICRO, x[i, 1] * MICRO, x[i, 2] * MICRO),
+                    (v[i, 0], v[i, 1], v[i, 2]), waits, radius[i] * MICRO, heights, contact, near,
+                ):  # fmt: skip
+                    continue
+            seen = local.seen[tags[i] - 1]
+            if usual:
+                contact[CLEARANCE] = -travel[i]
+            else:  # before a run a deck may have moved anything
+                contact[CLEARANCE] = way_since(c.model, seen, x[i], radius[i])
+                near.place[tags[i] - 1, 3] = -1.0
+            error = advance_particle(
+                c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given[i], force, modulus,
+                heights, rows, near, factor,
+            )  # fmt: skip
+            if error != NO_ERROR:
+                fail(c, error, step, tags[i], force)
+                return
+            travel[i], since[i] = way_left(contact), waiting_since(contact)
     if c.observe_pairs:
         c.pushed = count_pushed(f)
 
 
-@kernel
+@uncounted
 def count_pushed(f):
     """How many particles have a native pair force, of `f` (n, 3)."""
     count = 0
@@ -99,18 +163,20 @@ def count_pushed(f):
     return count
 
 
-@kernel
+@inlined
 def advance_particle(
-    c, step, usual, i, tag, x, v, f, radius, mass, contact, force, modulus, heights, rows
+    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, force, modulus, heights, rows,
+    near, factor,
 ):  # fmt: skip
     """Fill `force[i]`, whatever acts; return an error code.  `usual`: it was evaluated before."""
     dt, model = c.time_step, c.model
-    if not usual and contact[EVALUATED] == step + 1:
-        force[i] = contact[FORCE : FORCE + 3]
+    if not usual and given[EVALUATED] == step + 1:
+        for axis in range(3):
+            force[i, axis] = given[FORCE + axis]
         return NO_ERROR
-    c.lag = 0.5 * dt if usual or contact[EVALUATED] > 0.0 else 0.0  # the first velocities are of full steps
+    c.lag = 0.5 * dt if usual or given[EVALUATED] > 0.0 else 0.0  # the first velocities are of full steps
     acts = 0.5 * dt + c.lag  # the first force acts for half a step
-    contact[EVALUATED] = step + 1
+    given[EVALUATED] = step + 1
     px, py, pz, radius_i = x[i, 0] * MICRO, x[i, 1] * MICRO, x[i, 2] * MICRO, radius[i] * MICRO
     vx, vy, vz, m = v[i, 0], v[i, 1], v[i, 2], mass[i] * PICOGRAM
     gx, gy, gz = f[i, 0] * NANO, f[i, 1] * NANO, f[i, 2] * NANO
@@ -119,14 +185,18 @@ def advance_particle(
     waits = gx != 0.0 or gy != 0.0 or gz != 0.0
     if c.form == OBSERVE:
         force[i] = 0.0
-        contact[FORCE : FORCE + 3] = 0.0
+        for axis in range(3):
+            given[FORCE + axis] = 0.0
         return NO_ERROR
-    ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
+    ex, ey, ez, calm = stokes_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i, factor)
+    if not calm:
+        ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
     ahead = c.lag / m
     v_free = (vx + ahead * (ex + gx), vy + ahead * (ey + gy), vz + ahead * (ez + gz))
     push = 0.0
-    pad = contact[PAD:EVALUATED]
+    pad = contact[PAD:PAD_END]
     if model.has_pad and (pz + radius_i > c.pad_height or pad[PHASE] != FREE):
+        c.at_pad += 1
         if c.form == IMPULSE:
             push, error = impulse_pad(
                 c, step, acts, waits, (px, py, pz), (vx, vy, vz), m, radius_i, tag, pad, rows
@@ -136,15 +206,20 @@ def advance_particle(
         if error != NO_ERROR:
             return error
     sx, sy, sz, gained = 0.0, 0.0, 0.0, 0.0
-    if model.has_surface and not has_clearance(c, (px, py, pz), radius_i, heights, contact):
-        if c.form == IMPULSE:
+    if model.has_surface and (contact[PHASE] != FREE or contact[CLEARANCE] <= 0.0):
+        speed = abs(vx) + abs(vy) + abs(vz)
+        touch = look_at_surface(c, tag - 1, (px, py, pz), speed, radius_i, heights, contact, near)
+        seen[0], seen[1], seen[2], seen[3] = px, py, pz, radius_i + contact[CLEARANCE]
+        if contact[PHASE] == FREE and contact[CLEARANCE] > 0.0:
+            pass  # too far off
+        elif c.form == IMPULSE:
             sx, sy, sz, gained = impulse_contact(
-                c, step, acts, waits, (px, py, pz), v[i], m, radius_i, tag, modulus[tag - 1], heights,
-                contact, rows,
+                c, step, acts, waits, touch, (px, py, pz), v[i], m, radius_i, tag, modulus[tag - 1], contact,
+                rows,
             )  # fmt: skip
         else:
             sx, sy, sz, gained = soft_contact(
-                c, step * dt, acts, (px, py, pz), v[i], v_free, m, radius_i, tag, modulus[tag - 1], heights,
+                c, step * dt, acts, touch, (px, py, pz), v[i], v_free, m, radius_i, tag, modulus[tag - 1],
                 contact, rows,
             )  # fmt: skip
         if gained < 0.0:
@@ -152,11 +227,24 @@ def advance_particle(
         mass[i] += gained / PICOGRAM
     force[i, 0], force[i, 1] = (ex + sx) * PER_NEWTON, (ey + sy) * PER_NEWTON
     force[i, 2] = (ez + sz - push) * PER_NEWTON
-    contact[FORCE : FORCE + 3] = force[i]
+    for axis in range(3):
+        given[FORCE + axis] = force[i, axis]
     return NO_ERROR
 
 
-@kernel
+@uncounted
+def highest_node(heights, bound):
+    """The largest of `heights`, none of which is above `bound`: found once one is as high."""
+    highest = -math.inf
+    for i in range(heights.shape[0]):
+        for j in range(heights.shape[1]):
+            highest = max(highest, heights[i, j])
+            if highest == bound:
+                return highest
+    return highest
+
+
+@uncounted
 def remove_in_order(c, heights, rows, first, last):
     """Lower the surface by the impacts of ledger rows first ... last - 1, in the order of particles.
 
@@ -169,4 +257,5 @@ def remove_in_order(c, heights, rows, first, last):
                 rows[slot - 1, column], rows[slot, column] = rows[slot, column], rows[slot - 1, column]
             slot -= 1
     if commit_removal(c.model, heights, rows, first, last):
-        c.highest = heights.max()
+        c.falls += 1
+        c.highest = highest_node(heights, c.highest)

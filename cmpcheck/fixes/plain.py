@@ -21,6 +21,7 @@ from cmpcheck.fixes.layout import (
     NOT_FINITE,
     OBSERVE,
     PAD,
+    PAD_END,
     PER_NEWTON,
     PHASE,
     PICOGRAM,
@@ -225,23 +226,23 @@ def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: 
 
 def advance_particles(
     c: Any, step: int, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray, radius: np.ndarray,
-    mass: np.ndarray, state: np.ndarray, force: np.ndarray, modulus: np.ndarray, heights: np.ndarray,
-    rows: np.ndarray, _local: Any,
+    mass: np.ndarray, state: np.ndarray, given: np.ndarray, force: np.ndarray, modulus: np.ndarray,
+    heights: np.ndarray, rows: np.ndarray, _local: Any, _near: Any,
 ) -> None:  # fmt: skip
     """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`.
 
-    What only saves time, `_local`, has no use here.
+    What only saves time, `_local` and `_near`, has no use here.
     """
     c.lag = 0.0
     for i, tag in enumerate(tags):
-        if state[i, EVALUATED] == step + 1:
-            force[i] = state[i, FORCE : FORCE + 3]
+        if given[i, EVALUATED] == step + 1:
+            force[i] = given[i, FORCE : FORCE + 3]
             continue
-        c.lag = 0.5 * c.time_step if state[i, EVALUATED] > 0.0 else 0.0
-        state[i, EVALUATED] = step + 1
+        c.lag = 0.5 * c.time_step if given[i, EVALUATED] > 0.0 else 0.0
+        given[i, EVALUATED] = step + 1
         p = Particle(
             tag, x[i] * MICRO, v[i], f[i] * NANO, mass[i] * PICOGRAM, radius[i] * MICRO, modulus[tag - 1],
-            state[i], state[i, PAD:EVALUATED], c.lag, 0.5 * c.time_step + c.lag,
+            state[i], state[i, PAD:PAD_END], c.lag, 0.5 * c.time_step + c.lag,
         )  # fmt: skip
         try:
             newtons, gained = advance_particle(c, p, step, heights, rows)
@@ -250,4 +251,4 @@ def advance_particles(
             force[:] = 0.0
             return
         mass[i] += gained / PICOGRAM
-        force[i] = state[i, FORCE : FORCE + 3] = newtons * PER_NEWTON
+        force[i] = given[i, FORCE : FORCE + 3] = newtons * PER_NEWTON

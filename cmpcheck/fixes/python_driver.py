@@ -14,7 +14,7 @@ import numpy as np
 from cmpcheck.engines.lammps_library import CALLBACK, per_atom
 from cmpcheck.fixes import particles, plain
 from cmpcheck.fixes.contacts import lower_pad
-from cmpcheck.fixes.layout import BY_TAG_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
+from cmpcheck.fixes.layout import BY_TAG_COLUMNS, GIVEN_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import remove_in_order
@@ -52,13 +52,14 @@ class PythonCallback:
         v, f = per_atom(self.lmp, "v", n, 3), per_atom(self.lmp, "f", n, 3)
         radius, mass = per_atom(self.lmp, "radius", n, 1), per_atom(self.lmp, "rmass", n, 1)
         state = per_atom(self.lmp, "d2_cmpcheck", n, STATE_COLUMNS)
+        given = per_atom(self.lmp, "d2_cmpcheck_given", n, GIVEN_COLUMNS)
         first = int(c.rows)
         if c.error == NO_ERROR and self.failure is None:
             try:
                 lower_pad(c, step)
                 self.advance(
-                    c, step, tags, x, v, f, radius, mass, state, force,
-                    memory.modulus, memory.heights, memory.rows, memory.local,
+                    c, step, tags, x, v, f, radius, mass, state, given, force,
+                    memory.modulus, memory.heights, memory.rows, memory.local, memory.near,
                 )  # fmt: skip
             except Exception as failure:
                 self.failure = failure
@@ -71,7 +72,7 @@ class PythonCallback:
             rows = self._gather_rows(memory.rows[first : c.rows])
             remove_in_order(c, memory.heights, rows, 0, len(rows))
         if step != c.last_step:
-            self._observe(step, tags, x, v, f, radius, mass, state)
+            self._observe(step, tags, x, v, f, radius, mass, given)
         c.last_step = step
 
     def _observe(self, step: int, tags: np.ndarray, *arrays: np.ndarray) -> None:

@@ -27,7 +27,7 @@ def is_sampled(c, step):
 
 
 @kernel
-def collect_by_tag(c, tags, x, v, f, radius, mass, state, by_tag):
+def collect_by_tag(c, tags, x, v, f, radius, mass, given, by_tag):
     """Write the rank's atoms into `by_tag` (N, BY_TAG_COLUMNS); rows of other ranks' atoms become zero."""
     for i in range(by_tag.shape[0]):
         for column in range(by_tag.shape[1]):
@@ -41,7 +41,7 @@ def collect_by_tag(c, tags, x, v, f, radius, mass, state, by_tag):
         for axis in range(3):
             p[VELOCITY + axis] = v[i, axis]
             p[PAIR_FORCE + axis] = f[i, axis] * NANO
-            p[FIX_FORCE + axis] = state[i, FORCE + axis] * NANO
+            p[FIX_FORCE + axis] = given[i, FORCE + axis] * NANO
         p[MASS], p[RADIUS], p[LAG] = mass[i] * PICOGRAM, radius[i] * MICRO, c.lag
 
 

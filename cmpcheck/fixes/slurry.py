@@ -4,7 +4,7 @@ How a deck and a driver use it:
 
     units       micro                      # um, us, pg
     atom_style  sphere 1
-    fix         cmpcheck_state all property/atom d2_cmpcheck 53      # layout.STATE_COLUMNS
+    fix         cmpcheck_state all property/atom d2_cmpcheck 49 d2_cmpcheck_given 4   # DEFINE_STATE
     fix         slurry all external pf/callback 1 1                  # after the fixes that add forces
 
     fix = SlurryFix(lmp, "slurry", model, modulus, heights, form="soft", contact_duration=1e-9, ...)
@@ -28,12 +28,22 @@ import numpy as np
 import pandas as pd
 
 from cmpcheck.engines.lammps_library import EngineError, per_atom, per_atom_columns, set_external_callback
-from cmpcheck.fixes.layout import ERRORS, FORMS, MICRO, NO_ERROR, STATE_COLUMNS
+from cmpcheck.fixes.layout import ERRORS, FORMS, GIVEN_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.python_driver import PythonCallback
 from reference.state import Model
 
-DEFINE_STATE = f"fix cmpcheck_state all property/atom d2_cmpcheck {STATE_COLUMNS}"
+DEFINE_STATE = (
+    f"fix cmpcheck_state all property/atom d2_cmpcheck {STATE_COLUMNS} d2_cmpcheck_given {GIVEN_COLUMNS}"
+)
+
+
+def defines_state(lmp: Any) -> bool:
+    """Whether the per-atom arrays of the fix are there, as `DEFINE_STATE` makes them."""
+    return (per_atom_columns(lmp, "d2_cmpcheck"), per_atom_columns(lmp, "d2_cmpcheck_given")) == (
+        STATE_COLUMNS,
+        GIVEN_COLUMNS,
+    )
 
 
 class SlurryFix:
@@ -135,7 +145,7 @@ class SlurryFix:
             last = max(self.comm.allgather(last))
         if last != n:
             raise EngineError(f"atom tags must be 1 ... {n}, the largest is {last}")
-        if per_atom_columns(lmp, "d2_cmpcheck") != STATE_COLUMNS:
+        if not defines_state(lmp):
             raise EngineError(f"the deck must define the per-atom state of the fix: {DEFINE_STATE}")
 
     def _largest_diameter(self) -> float:

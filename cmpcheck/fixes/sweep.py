@@ -4,34 +4,58 @@ Drag as far as Stokes's law holds, and the question whether anything else can ha
 step. Those for which it can are left to `particles.py`, one by one, which would give the others the same to
 the bit.
 
-How far each of the rank's atoms may travel is kept here, in the order in which LAMMPS has them (`Local`),
-and found anew when that order changes. Nothing depends on it but the time it takes.
+How far each of the rank's atoms may travel is kept here, in the order in which LAMMPS has them (`Local`).
+When that order changes, and before a run, it is found from where each was looked at last, without a search.
+Nothing depends on it but the time it takes.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
-from cmpcheck.fixes.layout import EVALUATED, FORCE, FREE, MICRO, PAD, PER_NEWTON, PHASE, PICOGRAM
-from reference.compiled import formula, kernel
+from cmpcheck.fixes.layout import (
+    CLEARANCE,
+    EVALUATED,
+    FORCE,
+    FREE,
+    GIVEN_COLUMNS,
+    MICRO,
+    PAD,
+    PER_NEWTON,
+    PHASE,
+    PICOGRAM,
+    START,
+    WAITING,
+)
+from reference.compiled import formula, inlined, kernel
+from reference.contact import surface_normal_impulse
 from reference.drag import drag_factor, fluid_velocity
 from reference.state import FLOW_NONE, Model
 
+# A kernel that makes no array: the references to those it is given are not counted.
+uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+
+NO_CONTACT = math.nan
 SURELY = 1.0 - 1e-9  # of Re^2 = 1: what rounding could bring above that is left to the others
 
 
 class Local(NamedTuple):
-    """What is kept of the rank's atoms, (n,) each, n the number of all particles."""
+    """What is kept of the rank's atoms, for n particles in all: three arrays (n,), and one by tag (n, 4)."""
 
-    tag: np.ndarray  # of the atom that the other number is of; 0: none yet
-    travel: np.ndarray  # way until the surface can be touched, m; 0 or negative: to be looked at
+    tag: np.ndarray  # of the atom that the other numbers are of; 0: none yet
+    travel: np.ndarray  # way until the surface can be touched, m; 0, or with the sign turned: to be looked at
+    since: np.ndarray  # step since which the pad waits to strike; `NO_CONTACT`, or -inf in a soft contact
+
+    seen: np.ndarray  # where the surface was searched from last, and how far it was then, m; 0: never
 
 
 def empty_local(n: int) -> Local:
     """For `n` particles, none of which is known yet."""
-    return Local(np.zeros(n, dtype=np.int32), np.zeros(n))
+    return Local(np.zeros(n, dtype=np.int32), np.zeros(n), np.full(n, NO_CONTACT), np.zeros((n, 4)))
 
 
 @kernel
@@ -47,13 +71,7 @@ def copied(model):
     )  # fmt: skip
 
 
-@kernel
-def flat(rows):
-    """Rows of three, (n, 3), one behind the other, (3 n,): the compiler vectorises loops over these."""
-    return rows.reshape(rows.size)
-
-
-@kernel
+@uncounted
 def strangers(known, tags):
     """How many atoms are not where they were at the last step, among those `known`."""
     count = 0
@@ -62,12 +80,29 @@ def strangers(known, tags):
     return count
 
 
-@kernel
-def meet(local, tags):
-    """Atoms that are not where they were at the last step will be looked at."""
+@uncounted
+def meet(model, local, tags, x, radius, state):
+    """Find the way left of atoms that are not where they were at the last step."""
     for i in range(tags.size):
         if local.tag[i] != tags[i]:
-            local.tag[i], local.travel[i] = tags[i], 0.0
+            local.tag[i] = tags[i]
+            state[i, CLEARANCE] = way_since(model, local.seen[tags[i] - 1], x[i], radius[i])
+            local.travel[i], local.since[i] = way_left(state[i]), waiting_since(state[i])
+
+
+@uncounted
+def way_since(model, seen, x, radius):
+    """Way until a particle can touch the surface, m, 0 where that is unknown: from where it was `seen` last.
+
+    x and radius in LAMMPS units.  It may have gone there in any way, or been moved: the surface only falls.
+    """
+    dx, dy, dz = seen[0] - x[0] * MICRO, seen[1] - x[1] * MICRO, seen[2] - x[2] * MICRO
+    if model.length_x > 0.0:
+        dx -= model.length_x * round(dx / model.length_x)
+    if model.length_y > 0.0:
+        dy -= model.length_y * round(dy / model.length_y)
+    left = seen[3] - radius * MICRO - math.sqrt(dx * dx + dy * dy + dz * dz)
+    return left if left > 0.0 else 0.0
 
 
 @formula
@@ -80,34 +115,82 @@ def stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, k):
     return ex, ey, ez, wx * wx + wy * wy + wz * wz
 
 
-@kernel
-def sweep(model, pad_height, dt, per_diameter, x, v, f, radius, mass, travel, force):
-    """Fill `force` with the drag, in LAMMPS units, and take this step's way off `travel` (n,).
-
-    Turns the sign of `travel` where more than Stokes's drag may act: above Re = 1, at the pad, where the
-    surface may be touched; and where a number is not finite.  x, v, f and `force` are rows of three, (3 n,);
-    `per_diameter` is drag over slip and diameter, kg/(s m).
-    """
-    lag, per_reynolds = 0.5 * dt, 0.0
+@inlined
+def sweep_form(
+    with_pad, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+    travel, since, given, force,
+):  # fmt: skip
+    """`sweep` and `sweep_with_pad`, which the compiler makes two loops of; how many the pad has dealt with."""
+    lag, per_reynolds, evaluated, now = 0.5 * dt, 0.0, float(step + 1), float(step)
     if model.flow != FLOW_NONE:
         per_reynolds = model.fluid_density / model.viscosity  # Re over slip and diameter, s/m2
+    done = 0
     for i in range(mass.size):
         j = 3 * i
         z, vx, vy, vz = x[j + 2] * MICRO, v[j], v[j + 1], v[j + 2]
-        diameter = 2.0 * (radius[i] * MICRO)
-        ex, ey, ez, slip = stokes_drag(
-            model, pad_height, lag, z, vx, vy, vz, mass[i] * PICOGRAM, per_diameter * diameter
-        )
-        force[j], force[j + 1], force[j + 2] = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
+        diameter, m = 2.0 * (radius[i] * MICRO), mass[i] * PICOGRAM
+        ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, m, per_diameter * diameter)
+        approach, no_contact = vz + strikes, since[i] != since[i]
+        calm = (not model.has_pad) | (z + radius[i] * MICRO <= pad_height) | (approach <= 0.0)
+        if with_pad:
+            waits = (f[j] != 0.0) | (f[j + 1] != 0.0) | (f[j + 2] != 0.0)
+            struck = (not calm) & no_contact & (not waits) & (approach < kept)
+            held = (not calm) & waits & ((now - since[i]) * dt < patience)
+            push = surface_normal_impulse(m, -approach, model.pad_restitution) / dt
+            ez -= push if struck else 0.0
+            done += struck | held
+            calm = struck | held | (calm & no_contact)
+        else:
+            calm &= no_contact
+        ex, ey, ez = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
+        force[j], force[j + 1], force[j + 2] = ex, ey, ez
+        row = GIVEN_COLUMNS * i
+        given[row + FORCE], given[row + FORCE + 1], given[row + FORCE + 2] = ex, ey, ez
+        given[row + EVALUATED] = evaluated
         speed = abs(vx) + abs(vy) + abs(vz)  # and more: a root takes as long as all the rest
-        left = travel[i] - dt * speed
+        left = abs(travel[i]) - dt * speed
         left = left if left > 0.0 else 0.0
         total = x[j] + x[j + 1] + z + speed + f[j] + f[j + 1] + f[j + 2]
         per_slip = per_reynolds * diameter
-        calm = slip * (per_slip * per_slip) <= SURELY
+        calm &= slip * (per_slip * per_slip) <= SURELY
+        calm &= travel[i] >= 0.0
         calm &= total - total == 0.0  # finite
-        calm &= (not model.has_pad) | (z + radius[i] * MICRO <= pad_height)
         travel[i] = left if calm else -left
+    return done
+
+
+@uncounted
+def sweep(
+    model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel, since,
+    given, force,
+):  # fmt: skip
+    """Fill `force` with the drag, in LAMMPS units, note it in `given`, take the step's way off `travel` (n,).
+
+    Turns the sign of `travel` where more than Stokes's drag may act: above Re = 1, at the pad, where the
+    surface may be touched; and where a number is not finite.  x, v, f and `force` are rows of three, one
+    behind the other, (3 n,): with (n, 3) the loop would not be vectorised.  `per_diameter` is drag over slip
+    and diameter, kg/(s m).  The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
+    """
+    return sweep_form(
+        False, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+        travel, since, given, force,
+    )  # fmt: skip
+
+
+@uncounted
+def sweep_with_pad(
+    model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel, since,
+    given, force,
+):  # fmt: skip
+    """As `sweep`, and what the pad does to most: how many it was.  For when many particles are at the pad.
+
+    In the impulse form it strikes those that come at it at less than `kept` (m/s), so that the ledger has no
+    row of them, and holds back from those on which a pair force acts, for less than `patience` (s).
+    """
+    return sweep_form(
+        True, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+        travel, since, given, force,
+    )  # fmt: skip
 
 
 @kernel
@@ -116,15 +199,28 @@ def stokes_factor(model):
     return drag_factor(0.0, 1.0, model.fluid_density, model.viscosity) if model.flow != FLOW_NONE else 0.0
 
 
-@kernel
-def note_forces(step, force, state):
-    """Keep in `state` what each atom was given at this step, for a run that goes on from here."""
-    for i in range(force.shape[0]):
-        state[i, EVALUATED] = step + 1
-        state[i, FORCE], state[i, FORCE + 1], state[i, FORCE + 2] = force[i, 0], force[i, 1], force[i, 2]
+@uncounted
+def remarkable(travel):
+    """How many atoms are to be looked at one by one."""
+    count = 0
+    for i in range(travel.size):
+        count += not travel[i] > 0.0
+    return count
 
 
-@kernel
-def is_free(contact):
-    """Whether a particle has an open contact neither with the surface nor with the pad."""
-    return contact[PHASE] == FREE and contact[PAD + PHASE] == FREE
+@uncounted
+def way_left(contact):
+    """What `travel` shall be of a particle that was looked at: the way until it can touch the surface, m.
+
+    0 when it is in contact with the surface: to be looked at again.
+    """
+    return max(contact[CLEARANCE], 0.0) if contact[PHASE] == FREE else 0.0
+
+
+@uncounted
+def waiting_since(contact):
+    """What `since` shall be of a particle that was looked at: when its contact with the pad began."""
+    phase = contact[PAD + PHASE]
+    if phase == FREE:
+        return NO_CONTACT
+    return contact[PAD + START] if phase == WAITING else -math.inf
