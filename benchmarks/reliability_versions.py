@@ -18,6 +18,7 @@ from email import message_from_bytes
 from pathlib import Path
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from benchmarks.reliability_finding import Finding
@@ -65,7 +66,7 @@ def at_bound(text: str, versions: dict[str, str]) -> bool:
     """Whether what is installed is the least that a requirement allows, as 2.0.0 for >=2.0."""
     needed = Requirement(text)
     (bound,) = (Version(part.version) for part in needed.specifier)
-    release = Version(versions[needed.name.lower()]).release
+    release = Version(versions[canonicalize_name(needed.name)]).release
     return release[: len(bound.release)] == bound.release
 
 
@@ -84,7 +85,7 @@ def tested(sdist: Path, wheel: Path, folder: Path, name: str, resolution: str) -
     said = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-300:]
     failed = re.findall(r"(?m)^(?:FAILED|ERROR) (\S+)", done.stdout)
     listed = json.loads(ran([python, "-m", "pip", "list", "--format", "json"], folder))
-    versions = {entry["name"].lower(): entry["version"] for entry in listed}
+    versions = {canonicalize_name(entry["name"]): entry["version"] for entry in listed}
     above = [] if name != "lowest" else [text for text in asked if not at_bound(text, versions)]
     return Finding(
         f"{name} version of each dependency",
