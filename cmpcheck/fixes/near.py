@@ -30,7 +30,7 @@ class Near(NamedTuple):
     place: np.ndarray  # (N, 4), where it was searched from, and how far it may go, m; -1: nothing is known
     fallen: np.ndarray  # (N,), how often the surface had fallen
     count: np.ndarray  # (N,), how many squares
-    squares: np.ndarray  # (N, MOST_SQUARES, 3): i and j, not wrapped, and which triangles: 1, 2, or 3 for both
+    squares: np.ndarray  # (N, MOST_SQUARES, 3), i and j, not wrapped; 1, 2 or 3: first triangle, second, both
 
 
 def empty_near(n: int) -> Near:
@@ -77,7 +77,7 @@ def closest_of(side, px, py, pz, x0, x1, y0, y1, z00, z10, z01, z11):
 
 @inlined
 def contact_nearby(near, k, z, spacing, px, py, pz, radius):
-    """Contact of particle k with its squares, as `surface_contact`: (found, overlap, nx, ny, nz, qx, qy, qz)."""
+    """Contact of particle k with its squares, as of `surface_contact`: found, overlap, normal, closest point."""
     n_x, n_y = z.shape
     best, qx, qy, qz, found = radius * radius, 0.0, 0.0, 0.0, False
     for m in range(near.count[k]):
