@@ -128,6 +128,7 @@ def test_many_at_the_pad_get_all_at_once_what_they_get_one_by_one():
     few, each = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO, kept=0.05)
     together, rest = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO, kept=0.05, at_pad=n)
     assert 0 < len(rest) < len(each)
+    assert set(range(2, n, 6)) <= set(rest)  # contacts that have waited, and end
     np.testing.assert_array_equal(few, alone)
     np.testing.assert_array_equal(together, alone)
     assert (alone[2::3, 2] < 0.0).any()

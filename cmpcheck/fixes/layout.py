@@ -131,7 +131,7 @@ CONTEXT = np.dtype(
         ("seen_at", "i8"),
         ("place_at", "i8"),  # and those of near.Near
         ("fallen_at", "i8"),
-        ("count_at", "i8"),
+        ("number_at", "i8"),
         ("squares_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),
