@@ -129,7 +129,8 @@ def sweep_form(
     for i in range(mass.size):
         j = 3 * i
         z, vx, vy, vz = x[j + 2] * MICRO, v[j], v[j + 1], v[j + 2]
-        diameter, m = 2.0 * (radius[i] * MICRO), mass[i] * PICOGRAM
+        diameter = 2.0 * (radius[i] * MICRO)
+        m = mass[i] * PICOGRAM
         ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, m, per_diameter * diameter)
         approach = vz + strikes
         calm = (not model.has_pad) | (z + radius[i] * MICRO <= pad_height) | (approach <= 0.0)
