@@ -9,12 +9,16 @@ from cmpcheck.fixes.layout import (
     GIVEN_COLUMNS,
     MICRO,
     NO_ERROR,
+    PAD,
+    PHASE,
     PICOGRAM,
+    START,
     STATE_COLUMNS,
+    WAITING,
 )
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.particles import advance_particles
-from cmpcheck.fixes.sweep import way_since
+from cmpcheck.fixes.sweep import NO_CONTACT, show_contacts, waiting_since, way_since
 from reference.case import load_case
 from reference.process import build_setup
 
@@ -41,17 +45,23 @@ def layer(calm=True):
     ]  # fmt: skip
 
 
-def advanced(setup, arrays, form, last_step, travel=0.0, known=None):
-    """Forces after one step, and which particles have been looked at one by one; `known` tags before it."""
+def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, at_pad=0):
+    """Forces after one step, and which particles have been looked at one by one; `known` tags before it.
+
+    `kept` is the ledger's least speed, `at_pad` how many were at the pad at the last step.
+    """
     state = setup.state
     memory = Memory(
-        setup.model, state.modulus, state.heights, form, 3e-9, 0, 1000, 0, False, state.pad_height, 0.0
+        setup.model, state.modulus, state.heights, form, 3e-9, 0, 1000, 0, False, state.pad_height, kept
     )
     c, copies = memory.context, [array.copy() for array in arrays]
-    c.last_step, c.time_step = last_step, TIME_STEP
+    c.last_step, c.time_step, c.at_pad = last_step, TIME_STEP, at_pad
     memory.local.tag[:], memory.local.travel[:] = arrays[0] if known is None else known, travel
+    memory.local.since[:] = [waiting_since(contact) for contact in copies[6]]
     copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
-    advance_particles(c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near)
+    advance_particles(
+        c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near
+    )
     assert c.error == NO_ERROR
     return copies[8], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
 
@@ -100,6 +110,35 @@ def test_a_particle_in_the_pad_that_goes_away_from_it_needs_no_look():
     arrays[2][:2, 2] = -0.5, 0.5
     assert advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO)[1] == [1]
     assert advanced(setup, arrays, "soft", STEP - 1, travel=MICRO)[1] == [0, 1]
+
+
+@pytest.mark.nojit
+def test_many_at_the_pad_get_all_at_once_what_they_get_one_by_one():
+    """Some of them fast, some with a pair force, and of these some with a contact that waits, not always."""
+    setup, arrays = layer()
+    _, x, v, f, _, _, state, _, _ = arrays
+    n = len(x)
+    x[:, 2] = setup.state.pad_height / MICRO
+    v[:, 2] = np.linspace(-0.02, 0.1, n)
+    f[::3, 0], f[1::3, 2] = 1e-3, -1e-3
+    state[::2, PAD + PHASE], state[::2, PAD + START] = WAITING, STEP - 3
+    state[::6, PAD + START] = STEP - 1000  # longer than any contact waits
+    alone, looked_at = advanced(setup, arrays, "impulse", -1, kept=0.05)
+    assert len(looked_at) == n
+    few, each = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO, kept=0.05)
+    together, rest = advanced(setup, arrays, "impulse", STEP - 1, travel=MICRO, kept=0.05, at_pad=n)
+    assert 0 < len(rest) < len(each)
+    assert set(range(2, n, 6)) <= set(rest)  # contacts that have waited, and end
+    np.testing.assert_array_equal(few, alone)
+    np.testing.assert_array_equal(together, alone)
+    assert (alone[2::3, 2] < 0.0).any()
+
+
+@pytest.mark.nojit
+def test_a_contact_that_waits_is_looked_at_when_fewer_are_at_the_pad():
+    travel, since = np.array([MICRO, 0.0, MICRO]), np.array([3.0, 3.0, NO_CONTACT])
+    show_contacts(travel, since)
+    assert list(travel < 0.0) == [True, True, False]
 
 
 @pytest.mark.nojit

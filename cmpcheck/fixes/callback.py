@@ -118,7 +118,7 @@ def take_step(c, step, n, tags, x, force):
     near = Near(
         floats(c.place_at, c.particles, 4),
         carray(pointer_to(c.fallen_at), (c.particles,), dtype=types.int64),
-        carray(pointer_to(c.count_at), (c.particles,), dtype=types.int32),
+        carray(pointer_to(c.number_at), (c.particles,), dtype=types.int32),
         carray(pointer_to(c.squares_at), (c.particles, MOST_SQUARES, 3), dtype=types.int32),
     )
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)

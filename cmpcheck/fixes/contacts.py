@@ -112,7 +112,7 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
 
 @uncounted
 def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contact, near):
-    """Whether particle k, of which the surface is remembered, overlaps it and `impulse_contact` would do nothing.
+    """Whether `impulse_contact` would do nothing for particle k, which overlaps what it may touch.
 
     So it is as long as it goes away from the surface, and while a contact waits.
     """

@@ -80,6 +80,7 @@ CONTEXT = np.dtype(
         ("patience", "f8"),  # longest wait for a pair force to end, s
         ("highest", "f8"),  # no node is above this, m
         ("at_pad", "i8"),  # particles in its reach at the last step that came at it, or were in contact
+        ("many", "i8"),  # whether those were so many that the loop over all particles did it
         ("falls", "i8"),  # how often the surface has fallen
         ("lag", "f8"),  # the velocities seen are this much older than the positions, s
         ("last_step", "i8"),
@@ -130,7 +131,7 @@ CONTEXT = np.dtype(
         ("seen_at", "i8"),
         ("place_at", "i8"),  # and those of near.Near
         ("fallen_at", "i8"),
-        ("count_at", "i8"),
+        ("number_at", "i8"),
         ("squares_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),

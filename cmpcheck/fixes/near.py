@@ -29,8 +29,8 @@ class Near(NamedTuple):
 
     place: np.ndarray  # (N, 4), where it was searched from, and how far it may go, m; -1: nothing is known
     fallen: np.ndarray  # (N,), how often the surface had fallen
-    count: np.ndarray  # (N,), how many squares
-    squares: np.ndarray  # (N, MOST_SQUARES, 3): i and j, not wrapped, and which triangles: 1, 2, or 3 for both
+    number: np.ndarray  # (N,), how many squares
+    squares: np.ndarray  # (N, MOST_SQUARES, 3), i and j, not wrapped; 1, 2 or 3: first triangle, second, both
 
 
 def empty_near(n: int) -> Near:
@@ -77,10 +77,10 @@ def closest_of(side, px, py, pz, x0, x1, y0, y1, z00, z10, z01, z11):
 
 @inlined
 def contact_nearby(near, k, z, spacing, px, py, pz, radius):
-    """Contact of particle k with its squares, as `surface_contact`: (found, overlap, nx, ny, nz, qx, qy, qz)."""
+    """Contact of particle k with its squares, what `surface_contact` returns but the triangle."""
     n_x, n_y = z.shape
     best, qx, qy, qz, found = radius * radius, 0.0, 0.0, 0.0, False
-    for m in range(near.count[k]):
+    for m in range(near.number[k]):
         i, j, sides = near.squares[k, m, 0], near.squares[k, m, 1], near.squares[k, m, 2]
         x0, x1, y0, y1 = i * spacing, (i + 1) * spacing, j * spacing, (j + 1) * spacing
         i0, j0 = wrapped(i, n_x), wrapped(j, n_y)
@@ -139,4 +139,4 @@ def remember(near, k, falls, z, spacing, px, py, pz, distance, way):
                 near.squares[k, count, 2] = sides
                 count += 1
     near.place[k, 0], near.place[k, 1], near.place[k, 2], near.place[k, 3] = px, py, pz, way
-    near.fallen[k], near.count[k] = falls, count
+    near.fallen[k], near.number[k] = falls, count

@@ -10,7 +10,14 @@ from __future__ import annotations
 
 import math
 
-from cmpcheck.fixes.contacts import impulse_contact, impulse_pad, is_left_alone, look_at_surface, soft_contact, soft_pad
+from cmpcheck.fixes.contacts import (
+    impulse_contact,
+    impulse_pad,
+    is_left_alone,
+    look_at_surface,
+    soft_contact,
+    soft_pad,
+)
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     EVALUATED,
@@ -34,6 +41,7 @@ from cmpcheck.fixes.sweep import (
     copied,
     meet,
     remarkable,
+    show_contacts,
     stokes_drag,
     stokes_factor,
     strangers,
@@ -108,8 +116,10 @@ def advance_particles(
     strikes, kept = math.inf, -math.inf  # a soft pad also by what else acts
     if c.form == IMPULSE:
         strikes, kept = c.pad_velocity, c.ledger_speed
-    many = c.at_pad * FEW >= tags.size
-    c.at_pad = 0
+    many = c.form == IMPULSE and c.at_pad * FEW >= tags.size
+    if c.many and not many:
+        show_contacts(travel, since)
+    c.many, c.at_pad = many, 0
     flat_x, flat_v, flat_f = x.reshape(x.size), v.reshape(v.size), f.reshape(f.size)
     flat_force, flat_given = force.reshape(force.size), given.reshape(given.size)
     for begin in range(0, tags.size, TOGETHER):

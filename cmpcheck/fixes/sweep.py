@@ -40,6 +40,7 @@ from reference.state import FLOW_NONE, Model
 uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
 
 NO_CONTACT = math.nan
+LEAST = 1e-300  # m: what makes a way of 0 negative
 SURELY = 1.0 - 1e-9  # of Re^2 = 1: what rounding could bring above that is left to the others
 
 
@@ -120,7 +121,7 @@ def sweep_form(
     with_pad, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
     travel, since, given, force,
 ):  # fmt: skip
-    """`sweep` and `sweep_with_pad`, which the compiler makes two loops of; how many the pad has dealt with."""
+    """`sweep` and `sweep_with_pad`, of which the compiler makes two loops."""
     lag, per_reynolds, evaluated, now = 0.5 * dt, 0.0, float(step + 1), float(step)
     if model.flow != FLOW_NONE:
         per_reynolds = model.fluid_density / model.viscosity  # Re over slip and diameter, s/m2
@@ -128,12 +129,14 @@ def sweep_form(
     for i in range(mass.size):
         j = 3 * i
         z, vx, vy, vz = x[j + 2] * MICRO, v[j], v[j + 1], v[j + 2]
-        diameter, m = 2.0 * (radius[i] * MICRO), mass[i] * PICOGRAM
+        diameter = 2.0 * (radius[i] * MICRO)
+        m = mass[i] * PICOGRAM
         ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, m, per_diameter * diameter)
-        approach, no_contact = vz + strikes, since[i] != since[i]
+        approach = vz + strikes
         calm = (not model.has_pad) | (z + radius[i] * MICRO <= pad_height) | (approach <= 0.0)
         if with_pad:
             waits = (f[j] != 0.0) | (f[j + 1] != 0.0) | (f[j + 2] != 0.0)
+            no_contact = since[i] != since[i]
             struck = (not calm) & no_contact & (not waits) & (approach < kept)
             held = (not calm) & waits & ((now - since[i]) * dt < patience)
             push = surface_normal_impulse(m, -approach, model.pad_restitution) / dt
@@ -141,7 +144,7 @@ def sweep_form(
             done += struck | held
             calm = struck | held | (calm & no_contact)
         else:
-            calm &= no_contact
+            calm &= travel[i] >= 0.0
         ex, ey, ez = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
         force[j], force[j + 1], force[j + 2] = ex, ey, ez
         row = GIVEN_COLUMNS * i
@@ -153,7 +156,6 @@ def sweep_form(
         total = x[j] + x[j + 1] + z + speed + f[j] + f[j + 1] + f[j + 2]
         per_slip = per_reynolds * diameter
         calm &= slip * (per_slip * per_slip) <= SURELY
-        calm &= travel[i] >= 0.0
         calm &= total - total == 0.0  # finite
         travel[i] = left if calm else -left
     return done
@@ -193,6 +195,14 @@ def sweep_with_pad(
     )  # fmt: skip
 
 
+@uncounted
+def show_contacts(travel, since):
+    """Turn the sign of `travel` of all in contact with the pad, of which only `since` may have told."""
+    for i in range(travel.size):
+        if since[i] == since[i]:
+            travel[i] = -abs(travel[i]) - LEAST
+
+
 @kernel
 def stokes_factor(model):
     """Drag over slip and diameter, to which it is proportional at Re <= 1, kg/(s m)."""
@@ -212,9 +222,10 @@ def remarkable(travel):
 def way_left(contact):
     """What `travel` shall be of a particle that was looked at: the way until it can touch the surface, m.
 
-    0 when it is in contact with the surface: to be looked at again.
+    0 when it is in contact with the surface, and negative in contact with the pad: to be looked at again.
     """
-    return max(contact[CLEARANCE], 0.0) if contact[PHASE] == FREE else 0.0
+    way = max(contact[CLEARANCE], 0.0) if contact[PHASE] == FREE else 0.0
+    return way if contact[PAD + PHASE] == FREE else -way - LEAST
 
 
 @uncounted

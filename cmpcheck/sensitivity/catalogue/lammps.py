@@ -12,7 +12,7 @@ PAD = ("pad_strike",)
 MUTANTS = (
     Mutant(
         "fix: radius in the drag", "the fix takes the drag of a sphere half as wide",
-        f"{FIXES}/sweep.py:sweep",
+        f"{FIXES}/sweep.py:sweep_form",
         "diameter = 2.0 * (radius[i] * MICRO)", "diameter = radius[i] * MICRO",
         side="lammps", cases=("bounce_train", "pair_drag"),
     ),
