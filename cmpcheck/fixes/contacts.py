@@ -101,8 +101,8 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
         found, overlap, nx, ny, nz, qx, qy, qz = contact_nearby(near, k, heights, spacing, x, y, z, reach)
     else:
         found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(heights, spacing, x, y, z, reach)
-        if found:
-            way = min(STEPS_AHEAD * c.time_step * speed, WIDEST * radius)
+        way = min(STEPS_AHEAD * c.time_step * speed, WIDEST * radius)
+        if found and reach - overlap < radius + way:  # others are looked at next when they have gone farther
             remember(near, k, c.falls, heights, spacing, x, y, z, reach - overlap, way)
     if free:
         state[CLEARANCE] = (SEARCH_MARGIN - ROUNDING) * radius - (overlap if found else 0.0)
