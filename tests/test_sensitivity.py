@@ -164,7 +164,7 @@ def test_an_error_of_the_fix_is_looked_for_in_the_process_where_it_is_on(tmp_pat
     """It is on in this process alone: what a child of it does, it does without the error."""
     mutant = next(own for own in all_mutants() if own.name == "fix: sampled velocity")
     here: list[bool] = []
-    monkeypatch.setattr(lammps, "available", lambda: (True, ""))
+    monkeypatch.setattr(lammps, "probe", lambda: ("a version", ""))
     monkeypatch.setattr(lammps.LammpsEngine, "run", lambda self, *_: here.append(self.in_process))
     assert bad_rows(mutant, 0, mutant.size, [(COMPONENTS, "")], Baseline(tmp_path), tmp_path)
     assert here == [True]
