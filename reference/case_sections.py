@@ -159,7 +159,7 @@ class Numerics(Section):
     """[numerics]: the time integration. Paper: Eqs. (37)-(43)."""
 
     scheme: Literal["point_implicit", "fixed_point"] = "point_implicit"
-    stepper: Literal["plain", "fast"] = "plain"  # the answer key, or the same steps in a quarter of the time
+    stepper: Literal["plain", "fast"] = "plain"  # the answer key, or the same steps in a fifth of the time
     time_step: Time | None = None  # with a pad it may be left to gamma
     gamma: Positive = 0.01
     tolerance: Positive = 1e-6
