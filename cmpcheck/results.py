@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 STATUSES = ("agree", "disagree", "not_tested", "error")
+COMPONENTS = "components"  # name of the result that is of no case
 
 
 @dataclass(frozen=True)
@@ -260,6 +261,7 @@ class CaseResult:
     ensembles: list[Ensemble] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)  # findings about the case, shown with other engines
     charts: list[Chart] = field(default_factory=list)  # likewise
+    lost: bool = False  # it was one task, and the process that ran it died
 
 
 @dataclass(frozen=True)

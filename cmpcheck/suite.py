@@ -1,7 +1,7 @@
 """Cases x engines -> results: which studies are run, in how many processes, and what becomes of failures.
 
-A task is one variant of one case in every engine.  A task that fails becomes rows with the status `error`;
-the others go on.
+A task is one variant of one case in every engine, one benchmark of the field, or the components.  A task that
+fails becomes rows with the status `error`; the others go on.
 """
 
 from __future__ import annotations
@@ -13,17 +13,15 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, ClassVar
 
 from cmpcheck import provenance
 from cmpcheck.compare import compare_study, convergences, limits
-from cmpcheck.components import CASE as COMPONENTS
-from cmpcheck.components import component_result
 from cmpcheck.departures import apply_departures
 from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.engines.child import Child, ChildError, ChildLost
 from cmpcheck.engines.lammps_contract import check_deck
 from cmpcheck.engines.protocol import Engine, NotSupported, Resolution, timeout_of
-from cmpcheck.ensembles import check_settings, compare_ensembles
 from cmpcheck.finished import Finished
 from cmpcheck.horizon import compare_ledgers, study_horizon
 from cmpcheck.judges import judge_of
@@ -32,16 +30,9 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.places import contact_places
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published import benchmark_names, load_benchmark
-from cmpcheck.published.run import RUNNERS, BenchmarkTask
+from cmpcheck.published.run import RUNNERS, BenchmarkTask, failed_benchmark, run_benchmark
 from cmpcheck.records import settled
-from cmpcheck.results import (
-    CaseResult,
-    Comparison,
-    EngineInfo,
-    Outcome,
-    SuiteResult,
-)
-from cmpcheck.soft_study import compare_soft
+from cmpcheck.results import CaseResult, Comparison, EngineInfo, Outcome, SuiteResult
 from cmpcheck.study import (
     Study,
     align_outputs,
@@ -52,7 +43,14 @@ from cmpcheck.study import (
     reference_study,
     unobserved,
 )
-from cmpcheck.suite_parts import Progress, deck_digests, find_benchmarks, find_illustrations, find_studies
+from cmpcheck.suite_parts import (
+    ComponentTask,
+    Progress,
+    deck_digests,
+    failed_components,
+    find_illustrations,
+    find_studies,
+)
 from cmpcheck.trajectories import ENGINE as TRAJECTORY
 from cmpcheck.trajectories import Trajectories, compare_file
 from reference.case import Case, CaseError, available_cases, load_case
@@ -77,6 +75,13 @@ class Task:
     trajectories: Trajectories = field(default_factory=Trajectories)
     asked: bool = False  # the engines were asked for by name
 
+    kind: ClassVar[str] = "tasks"  # under which its result is kept
+
+    @property
+    def name(self) -> str:
+        """Name of the case."""
+        return self.case.name
+
     @property
     def label(self) -> str:
         """Case, variant and form: what tells it from other tasks."""
@@ -84,13 +89,26 @@ class Task:
 
     @property
     def cost(self) -> float:
-        """Rough measure of the work, to begin with the longest."""
+        """Rough measure of the work, to begin with the longest: what the engines visit in all their steps.
+
+        That is the particles of all copies, and for LIGGGHTS the triangles of the surface with them.
+        """
         variant = self.case.variants()[self.variant]
         if self.form:
             return math.inf
-        count = variant.particles.count if variant.particles else len(variant.particle)
-        step = variant.numerics.time_step or variant.case.duration
-        return count * variant.case.duration / step
+        setup = build_setup(variant)
+        judge = judge_of(setup)
+        particles, nodes = len(setup.state.mass), setup.state.heights.size
+        found = particles * setup.end_time / setup.time_step
+        for name in self.engines:
+            if has_settings(variant, name):
+                duration, steps = contact_settings(variant, name)
+                triangles = 2 * nodes if name == "liggghts" and judge.has_surface_contact else 0
+                found += judge.copies * (particles + triangles) * setup.end_time / duration * steps
+        return found
+
+
+Work = Task | BenchmarkTask | ComponentTask
 
 
 def comparable_cases(profile: str, engines: Sequence[str] = ()) -> list[str]:
@@ -185,37 +203,32 @@ def run_suite(
                 raise CaseError(f"{case.name}: nothing to compare with: the case has no [engine.NAME] table")
             for name in others:
                 if has_settings(variant, name):
-                    (check_settings if is_ensemble(variant) else contact_settings)(variant, name)
+                    _check_settings(variant, name)
                     timeout_of(variant, name)
             tasks += [
                 Task(case, k, others, profile, folder / "data", decks or {}, form, files, engines is not None)
                 for form in (ENSEMBLE_FORMS if is_ensemble(variant) else ("",))
             ]
     _check_decks(loaded, decks or {}, others)
-    kept = finished or Finished()
+    benchmarks = [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published]
+    rest: list[BenchmarkTask | ComponentTask] = [*benchmarks]
+    rest += [ComponentTask(("reference", *others))] if components else []
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
-    totals = Counter(name for name, _, _ in keys)
+    totals = Counter([name for name, _, _ in keys] + [task.name for task in rest])
+    done: Counter[str] = Counter()
     outcomes: dict[tuple[str, int, str], Outcome] = {}
-    for task, outcome in _outcomes(tasks, jobs, kept):
-        outcomes[task.case.name, task.variant, task.form] = outcome
+    whole: dict[str, CaseResult] = {}  # what is one task
+    kept = finished or Finished()
+    for task, found in _outcomes([*tasks, *rest], jobs, kept):
+        if isinstance(task, Task):
+            outcomes[task.case.name, task.variant, task.form] = found
+        else:
+            whole[task.name] = found
+        done[task.name] += 1
         if progress is not None:
-            done = sum(name == task.case.name for name, _, _ in outcomes)
-            progress(task.case.name, done, totals[task.case.name])
+            progress(task.name, done[task.name], totals[task.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
-    results += find_benchmarks(
-        [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published],
-        jobs,
-        kept,
-        None if progress is None else lambda name: progress(name, 1, 1),
-    )
-    if components:
-        found = kept.get(COMPONENTS, COMPONENTS)
-        if found is None:
-            found = component_result(("reference", *others))
-            kept.put(COMPONENTS, COMPONENTS, found)
-        results.append(found)
-        if progress is not None:
-            progress(COMPONENTS, 1, 1)
+    results += [whole[task.name] for task in rest]
     results = [settled(found) for found in results]
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
@@ -237,19 +250,29 @@ def run_suite(
     return result
 
 
-def _outcomes(tasks: list[Task], jobs: int, kept: Finished) -> Iterator[tuple[Task, Outcome]]:
-    """The outcomes that are kept, then the others as they come."""
+def _outcomes(tasks: list[Work], jobs: int, kept: Finished) -> Iterator[tuple[Work, Any]]:
+    """What is kept, then the others as they come: Outcomes of variants, CaseResults of what is one task."""
     left = []
     for task in tasks:
-        outcome = kept.get("tasks", task.label)
-        if outcome is None:
+        found = kept.get(task.kind, task.label)
+        if found is None:
             left.append(task)
         else:
-            yield task, outcome
-    for task, outcome in _in_processes(left, jobs):
-        if not outcome.lost:
-            kept.put("tasks", task.label, outcome)
-        yield task, outcome
+            yield task, found
+    for task, found in _in_processes(left, jobs):
+        if not found.lost:
+            kept.put(task.kind, task.label, found)
+        yield task, found
+
+
+def _check_settings(variant: Case, engine: str) -> None:
+    """Refuse a case whose `[engine.NAME]` table lacks what the comparison needs.  Raises CaseError."""
+    if is_ensemble(variant):
+        from cmpcheck.ensembles import check_settings
+
+        check_settings(variant, engine)
+    else:
+        contact_settings(variant, engine)
 
 
 def _check_decks(cases: list[Case], decks: dict[str, Path], engines: tuple[str, ...]) -> None:
@@ -303,18 +326,32 @@ def _equations(rows: list[Comparison]) -> str:
     return ", ".join(sorted(parts, key=lambda part: [int(number) for number in part.split("-")]))
 
 
-def _in_processes(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Outcome]]:
-    """Outcomes as they come."""
-    for task, future in run_tasks(run_task, sorted(tasks, key=lambda task: -task.cost), jobs):
-        yield task, _outcome(task, future)
+def _in_processes(tasks: Sequence[Work], jobs: int) -> Iterator[tuple[Work, Any]]:
+    """What they find, as it comes."""
+    for task, future in run_tasks(run_work, sorted(tasks, key=lambda task: -task.cost), jobs):
+        yield task, _found(task, future)
 
 
-def _outcome(task: Task, future: Future) -> Outcome:
+def run_work(task: Work) -> Outcome | CaseResult:
+    """Run one task of whatever kind."""
+    if isinstance(task, Task):
+        return run_task(task)
+    if isinstance(task, BenchmarkTask):
+        return run_benchmark(task)
+    from cmpcheck.components import component_result
+
+    return component_result(task.engines)
+
+
+def _found(task: Work, future: Future) -> Outcome | CaseResult:
     """What a task found; one that failed as a whole is an error of each of its engines."""
     reason = problem_of(future)
     if not reason:
-        return future.result()
-    return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)], lost=True)
+        found: Outcome | CaseResult = future.result()
+        return found
+    if isinstance(task, Task):
+        return Outcome([_failed(task, name, reason) for name in task.engines or ("reference",)], lost=True)
+    return failed_benchmark(task, reason) if isinstance(task, BenchmarkTask) else failed_components(reason)
 
 
 def _failed(task: Task, engine: str, reason: str, status: str = "error") -> Comparison:
@@ -409,6 +446,9 @@ def _leave_out(task: Task, engine: str, outcome: Outcome) -> None:
 
 def _run_ensembles(task: Task, case: Case, outcome: Outcome) -> None:
     """Compare samples of a polishing case, whose trajectories part too early to be compared, in one form."""
+    from cmpcheck.ensembles import compare_ensembles
+    from cmpcheck.soft_study import compare_soft
+
     for name in task.engines:
         if name not in case.engine:
             if task.form == ENSEMBLE_FORMS[0]:

@@ -1,47 +1,46 @@
-"""What a report holds beside the comparisons of cases: benchmarks, figures, studies, digests of decks.
+"""What a report holds beside comparisons: figures, studies, digests of decks.
 
-Each part is found, or taken from what an unfinished comparison has kept.
+Each part is found, or taken from what an unfinished comparison has kept.  What a part needs is imported with it,
+for the processes that run cases import this file too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path
-from cmpcheck.figures.report import report_illustrations
 from cmpcheck.finished import Finished
-from cmpcheck.published.run import RUNNERS, BenchmarkTask, run_benchmarks
+from cmpcheck.published.run import RUNNERS
 from cmpcheck.records import settled
-from cmpcheck.results import CaseResult, Illustration, StudyResult
-from cmpcheck.studies.registry import STUDIES, run_studies
-from cmpcheck.studies.tables import write_csv
+from cmpcheck.results import COMPONENTS, CaseResult, Illustration, StudyResult
 from reference.case import Case
 
 Progress = Callable[[str, int, int], None]  # case or study, tasks done, tasks in all
 
 
-def find_benchmarks(
-    tasks: list[BenchmarkTask], jobs: int, kept: Finished, told: Callable[[str], None] | None
-) -> list[CaseResult]:
-    """Every benchmark in order, from what is kept where it is."""
-    found = {task.name: kept.get("benchmarks", task.name) for task in tasks}
+@dataclass(frozen=True)
+class ComponentTask:
+    """The components, to be checked."""
 
-    def done(result: CaseResult, lost: bool) -> None:
-        if not lost:
-            kept.put("benchmarks", result.name, result)
-        if told is not None:
-            told(result.name)
+    engines: tuple[str, ...]
 
-    new = run_benchmarks([task for task in tasks if found[task.name] is None], jobs, done)
-    if told is not None:
-        for name, result in found.items():
-            if result is not None:
-                told(name)
-    found |= {result.name: result for result in new}
-    return list(found.values())
+    kind: ClassVar[str] = COMPONENTS  # under which its result is kept
+    name: ClassVar[str] = COMPONENTS
+    cost: ClassVar[float] = 0.0  # see `suite.Task.cost`: little
+    label: ClassVar[str] = COMPONENTS
+
+
+def failed_components(problem: str) -> CaseResult:
+    """What is said of the components when the process that checked them died."""
+    from cmpcheck.components.row import failed
+
+    rows = [failed("", RuntimeError(problem))]
+    return CaseResult(COMPONENTS, "Components", "", "", rows, lost=True)
 
 
 def find_illustrations(
@@ -50,6 +49,8 @@ def find_illustrations(
     """The paper's figures, from what is kept where they are.  Raises CaseError or SimulationError."""
     found = kept.get("illustrations", "all")
     if found is None:
+        from cmpcheck.figures.report import report_illustrations
+
         found = report_illustrations(cases, profile, folder, jobs)
         kept.put("illustrations", "all", found)
     return list(found)
@@ -60,6 +61,10 @@ def find_studies(
     progress: Progress | None,
 ) -> list[StudyResult]:  # fmt: skip
     """Every study in the registry's order, from what is kept where it is."""
+    if not names:
+        return []
+    from cmpcheck.studies.registry import STUDIES, run_studies
+    from cmpcheck.studies.tables import write_csv
 
     def keep(study: StudyResult) -> None:
         if not study.error:

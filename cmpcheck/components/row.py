@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from cmpcheck.results import Comparison
+from cmpcheck.results import COMPONENTS, Comparison
 
-CASE = "components"
+CASE = COMPONENTS
 EPS = float(np.finfo(float).eps)
 ROUNDING = 1000 * EPS  # of the largest magnitude: chains of some hundred operations, and quadrature to 1e-13
 

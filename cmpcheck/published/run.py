@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from cmpcheck.engines.lammps_library import EngineError
 from cmpcheck.engines.lammps_setup import Deck, deck_path
-from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.published.benchmark import Benchmark, Material, load_benchmark
 from cmpcheck.published.judge import (
     Series,
@@ -43,26 +42,20 @@ class BenchmarkTask:
     folder: Path  # for data
     decks: dict[str, Path] = field(default_factory=dict)  # LAMMPS decks by benchmark, in place of ours
 
+    kind: ClassVar[str] = "benchmarks"  # under which its result is kept
+    cost: ClassVar[float] = 0.0  # see `suite.Task.cost`: little beside the cases
 
-def run_benchmarks(
-    tasks: Sequence[BenchmarkTask], jobs: int, done: Callable[[CaseResult, bool], None] | None = None
-) -> list[CaseResult]:
-    """What was found for each, in order; one that failed as a whole is an error of each of its engines.
+    @property
+    def label(self) -> str:
+        """What tells it from other tasks."""
+        return self.name
 
-    Parameters: jobs, processes; done, called with each result as it comes, and whether the process that
-    ran it died.
-    """
-    results = {}
-    for task, future in run_tasks(run_benchmark, tasks, jobs):
-        problem, benchmark = problem_of(future), load_benchmark(task.name)
-        if problem:
-            rows = [failed_row(benchmark, "", engine, problem) for engine in task.engines]
-            results[task.name] = CaseResult(task.name, benchmark.title, benchmark.sentence, "", rows)
-        else:
-            results[task.name] = future.result()
-        if done is not None:
-            done(results[task.name], bool(problem))
-    return [results[task.name] for task in tasks]
+
+def failed_benchmark(task: BenchmarkTask, problem: str) -> CaseResult:
+    """What is said of a benchmark that failed as a whole: an error of each of its engines."""
+    benchmark = load_benchmark(task.name)
+    rows = [failed_row(benchmark, "", engine, problem) for engine in task.engines]
+    return CaseResult(task.name, benchmark.title, benchmark.sentence, "", rows, lost=True)
 
 
 def run_benchmark(task: BenchmarkTask) -> CaseResult:
