@@ -9,12 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cmpcheck import outputs
-from cmpcheck.components import CASE as COMPONENTS
 from cmpcheck.finished import SETTINGS, Finished
 from cmpcheck.optimise.links import designs_beside
 from cmpcheck.report import write_report
 from cmpcheck.request import Request
-from cmpcheck.results import SuiteResult
+from cmpcheck.results import COMPONENTS, SuiteResult
 from cmpcheck.sensitivity.page import section_beside
 from cmpcheck.shell import INTERRUPTED, progress_bars, sentence_of
 from cmpcheck.suite import run_suite
@@ -50,7 +49,7 @@ def make_report(
         result = _find(request, staging, jobs, resume)
         if not (staging / outputs.PUBLISHING).exists():
             request.keep_inputs(staging / "data")
-            write_report(result, staging, designs_beside(out), section_beside(out))
+            write_report(result, staging, designs_beside(out), section_beside(out), jobs)
             if beside is not None:
                 beside(result, staging)
         outputs.publish_report(staging, out)

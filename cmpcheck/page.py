@@ -1,7 +1,7 @@
 """index.html: what stands where on the page, and its figures.
 
-The markup and style are in `templates/`, the curves in `plots.py`; numbers are formatted here, so that
-the templates only place text.  Everything that comes from records is escaped by Jinja.
+The markup and style are in `templates/`, the curves in `plots.py`, drawn by `drawings.py`; numbers are
+formatted here: the templates only place text.  Everything that comes from records is escaped by Jinja.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -17,6 +16,7 @@ from markupsafe import Markup
 
 from cmpcheck import ensemble_text, verdicts
 from cmpcheck.display import duration, number, percent, printable, ratio_text, scale, words
+from cmpcheck.drawings import Drawings
 from cmpcheck.optimise.links import DesignLink
 from cmpcheck.results import CaseResult, Chart, Comparison, Convergence, Ensemble, SuiteResult, Trace
 from cmpcheck.sensitivity.page import Section
@@ -114,16 +114,17 @@ def tally_text(rows: Iterable[Comparison]) -> str:
 
 
 def render(
-    result: SuiteResult, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None
+    result: SuiteResult, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None, jobs: int = 1
 ) -> str:
-    """The whole page as one self-contained HTML document, with links to design runs beside it."""
+    """The whole page as one self-contained HTML document, linking design runs; `jobs` processes draw."""
+    drawings = Drawings()
     environment = Environment(
         loader=PackageLoader("cmpcheck"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=lambda value: value if isinstance(value, Markup) else printable(value),
     )  # fmt: skip
-    parts = {part: _blocks(result, part) for part in ("1", "2", "3")}
+    parts = {part: _blocks(result, part, drawings) for part in ("1", "2", "3")}
     anchors = {(block.case.name, part): block.anchor for part, blocks in parts.items() for block in blocks}
-    return environment.get_template("index.html.j2").render(
+    text = environment.get_template("index.html.j2").render(
         result=result,
         verdict=verdicts.verdict(result),
         title=verdicts.title(result),
@@ -137,7 +138,7 @@ def render(
         verification=parts["1"],
         crosscheck=parts["2"],
         statistics=parts["3"],
-        studies=printed_studies(result),
+        studies=printed_studies(result, drawings),
         anchors=anchors,
         designs=designs,
         sensitivity=sensitivity,
@@ -148,7 +149,8 @@ def render(
         ratio_text=ratio_text,
         known=KNOWN,
         reference=REFERENCE,
-    ) + "\n"  # fmt: skip
+    )
+    return drawings.place(text, jobs) + "\n"
 
 
 def _closeness(result: SuiteResult) -> list[tuple[str, list[str]]]:
@@ -165,7 +167,7 @@ def _judged(result: SuiteResult) -> list[str]:
     return [name for name in verdicts.engine_names(result) if name in found]
 
 
-def _blocks(result: SuiteResult, part: str) -> list[Block]:
+def _blocks(result: SuiteResult, part: str, drawings: Drawings) -> list[Block]:
     """The cases that have anything to show in a part: "1" the reference, "2" other engines, "3" ensembles."""
     blocks: list[Block] = []
     for index, case in enumerate(result.cases):
@@ -187,30 +189,30 @@ def _blocks(result: SuiteResult, part: str) -> list[Block]:
             [printed_row(row) for row in ordered[:shown]] if len(own) > shown + 2 else [], tally_text(own),
         )  # fmt: skip
         block.first = part == min(map(verdicts.part_of, case.comparisons), default=part)
-        block.panels += _chart_panels(charts, block.number)
-        _draw(block, traces, convergences)
+        block.panels += _chart_panels(charts, block.number, drawings)
+        _draw(block, traces, convergences, drawings)
         block.tables = [printed_table(table) for table in case.tables] if part == "2" else []
-        block.ensembles = [_ensemble(e, f"e{block.number}.{k}") for k, e in enumerate(ensembles)]
+        block.ensembles = [_ensemble(e, f"e{block.number}.{k}", drawings) for k, e in enumerate(ensembles)]
         blocks.append(block)
     return blocks
 
 
-def _chart_panels(charts: Sequence[Chart], number: str) -> list[Panel]:
+def _chart_panels(charts: Sequence[Chart], number: str, drawings: Drawings) -> list[Panel]:
     from cmpcheck.charts import chart_figure
 
     return [
-        Panel(Markup(chart_figure(chart, f"c{number}.{k}")), printable(chart.caption))
+        Panel(drawings.note(chart_figure, chart, f"c{number}.{k}"), printable(chart.caption))
         for k, chart in enumerate(charts)
     ]
 
 
-def _ensemble(ensemble: Ensemble, key: str) -> EnsembleBlock:
+def _ensemble(ensemble: Ensemble, key: str, drawings: Drawings) -> EnsembleBlock:
     """An ensemble's figures, tables and sentences."""
     from cmpcheck.plots_ensembles import ensemble_figure
 
     panels = [
         Panel(
-            Markup(ensemble_figure(curve, ensemble.engine, f"{key}.{k}")),
+            drawings.note(ensemble_figure, curve, ensemble.engine, f"{key}.{k}"),
             ensemble_text.curve_caption(curve, ensemble),
         )
         for k, curve in enumerate(ensemble.curves)
@@ -226,18 +228,19 @@ def _ensemble(ensemble: Ensemble, key: str) -> EnsembleBlock:
     )
 
 
-def _draw(block: Block, traces: Sequence[Trace], convergences: Sequence[Convergence]) -> None:
+def _draw(
+    block: Block, traces: Sequence[Trace], convergences: Sequence[Convergence], drawings: Drawings
+) -> None:
     """Add the figures of a block, and in words what is not drawn."""
     from cmpcheck import plots
 
     until = max((time for trace in traces for time in trace.times if math.isfinite(time)), default=0.0)
-    groups: list[tuple[Any, list[Any], str]] = []
+    groups: list[tuple[Any, list[Any], str, dict[str, float]]] = []
     for (label, _, style), members in _grouped(traces, lambda t: (t.label, t.unit, t.style)):
         drawn = [t for t in members if any(map(math.isfinite, t.values))]
         what = f"{_capital(words(label))} over time" + (", each impact a point" if style == "points" else "")
-        groups += [
-            (partial(plots.trace_figure, until=until), chunk, what) for chunk in _chunks(drawn, plots.SERIES)
-        ]
+        chunks = _chunks(drawn, plots.SERIES)
+        groups += [(plots.trace_figure, chunk, what, {"until": until}) for chunk in chunks]
     bounds = {
         (row.variant, row.engine, row.quantity): row.tolerance
         for row in block.case.comparisons
@@ -252,12 +255,12 @@ def _draw(block: Block, traces: Sequence[Trace], convergences: Sequence[Converge
     rough = [c for c in convergences if plots.drawable(c) and c not in exact]
     for (quantity, _, parameter), members in _grouped(rough, lambda c: (c.quantity, c.unit, c.parameter)):
         what = f"Convergence of {words(quantity)} in the {printable(parameter)}"
-        groups += [(plots.convergence_figure, chunk, what) for chunk in _chunks(members, plots.SERIES)]
-    for k, (draw, members, what) in enumerate(groups[:PANELS]):
-        svg = Markup(draw(members, f"f{block.number}.{k}"))  # matplotlib escapes what it writes
+        groups += [(plots.convergence_figure, chunk, what, {}) for chunk in _chunks(members, plots.SERIES)]
+    for k, (draw, members, what, options) in enumerate(groups[:PANELS]):
+        svg = drawings.note(draw, members, f"f{block.number}.{k}", **options)
         block.panels.append(Panel(svg, what))
     if len(groups) > PANELS:
-        left = ", ".join(what[0].lower() + what[1:] for _, _, what in groups[PANELS:])
+        left = ", ".join(what[0].lower() + what[1:] for _, _, what, _ in groups[PANELS:])
         block.remarks.append(f"Not drawn here, but in data/: {left}.")
     if exact:
         names = [_capital(words(q)) + _variants(m) for (q,), m in _grouped(exact, lambda c: (c.quantity,))]

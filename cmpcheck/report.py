@@ -38,11 +38,13 @@ __all__ = ["SCHEMA", "exit_code", "junit", "report_json", "summary_table", "verd
 
 
 def write_report(
-    result: SuiteResult, folder: Path, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None
-) -> None:
+    result: SuiteResult, folder: Path, designs: Sequence[DesignLink] = (), sensitivity: Section | None = None,
+    jobs: int = 1,
+) -> None:  # fmt: skip
     """Write the four files into `folder`, which is created if need be; equal results give equal bytes.
 
-    The page links the `designs`, and shows the `sensitivity` of the suite as its fourth part.
+    The page links the `designs`, and shows the `sensitivity` of the suite as its fourth part.  `jobs`
+    processes draw its figures.
     """
     from cmpcheck import markdown, page
 
@@ -51,7 +53,7 @@ def write_report(
         "report.json": report_json(result),
         "junit.xml": junit(result),
         "report.md": markdown.render(result, sensitivity),
-        "index.html": page.render(result, designs, sensitivity),
+        "index.html": page.render(result, designs, sensitivity, jobs),
     }
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():

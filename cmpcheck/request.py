@@ -18,7 +18,6 @@ from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.outputs import write_whole
 from cmpcheck.published import benchmark_names, load_benchmark
 from cmpcheck.shell import BadInput
-from cmpcheck.studies.registry import STUDIES
 from cmpcheck.suite import comparable_cases, variants_by_case
 from cmpcheck.trajectories import Options, Trajectories, requested
 from reference.case import available_cases, load_case
@@ -178,10 +177,14 @@ def _ships(case: str) -> bool:
 
 def _studies(names: Sequence[str], everything: bool) -> tuple[str, ...]:
     """The studies to run; raises BadInput for names that there are not."""
+    if not names and not everything:
+        return ()
+    from cmpcheck.studies.registry import STUDIES
+
     for name in names:
         if name not in STUDIES:
             raise BadInput(f"unknown study {name!r}: {nearest(name, STUDIES)}")
-    return tuple(names) or (tuple(STUDIES) if everything else ())
+    return tuple(names or STUDIES)
 
 
 def _decks(entries: Sequence[str], cases: Mapping[str, list[str]]) -> dict[str, Path]:

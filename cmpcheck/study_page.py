@@ -12,6 +12,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from cmpcheck.display import number, printable, scale, uncertain
+from cmpcheck.drawings import Drawings
 from cmpcheck.results import Column, Estimate, StudyResult, SuiteResult, Table
 from cmpcheck.studies.tables import csv_names
 
@@ -36,8 +37,8 @@ class PrintedStudy(NamedTuple):
     panels: list[tuple[Markup, str]]  # figure and caption
 
 
-def printed_studies(result: SuiteResult) -> list[PrintedStudy]:
-    """Every study with its tables as text and its charts as figures."""
+def printed_studies(result: SuiteResult, drawings: Drawings) -> list[PrintedStudy]:
+    """Every study with its tables as text and its charts as figures, which are noted in `drawings`."""
     from cmpcheck.charts import chart_figure
 
     return [
@@ -47,7 +48,7 @@ def printed_studies(result: SuiteResult) -> list[PrintedStudy]:
             study,
             printed_tables(study),
             [
-                (Markup(chart_figure(chart, f"s{k}.{place}")), chart.caption)
+                (drawings.note(chart_figure, chart, f"s{k}.{place}"), chart.caption)
                 for place, chart in enumerate(study.charts)
             ],
         )

@@ -1,7 +1,7 @@
 """What a report holds beside comparisons: figures, studies, digests of decks.
 
-Each part is found, or taken from what an unfinished comparison has kept.  What a part needs is imported with it,
-for the processes that run cases import this file too.
+Each part is found, or taken from what an unfinished comparison has kept.  What a part needs is imported with
+it, for the processes that run cases import this file too.
 """
 
 from __future__ import annotations

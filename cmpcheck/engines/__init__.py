@@ -1,19 +1,22 @@
 """The engines by name.  What an engine is stands in `protocol.py`.
 
 Engines of other packages are found by their entry points in the group `cmpcheck.engines`: a name, and what
-makes the engine when it is called without arguments.
+makes the engine when it is called without arguments.  An engine is imported when it is made: a child process
+that only looks for LAMMPS needs none.
 """
 
 from __future__ import annotations
 
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cmpcheck.engines.protocol import Engine, Resolution
-from cmpcheck.engines.reference import ReferenceEngine
 from cmpcheck.results import EngineInfo
-from reference.recording import Run
-from reference.state import Setup
+
+if TYPE_CHECKING:
+    from reference.recording import Run
+    from reference.state import Setup
 
 ENGINES = ("reference", "lammps", "liggghts")  # that ship
 GROUP = "cmpcheck.engines"
@@ -57,6 +60,8 @@ def make_engine(name: str, decks: dict[str, Path] | None = None) -> Engine:
     that is not available.
     """
     if name == "reference":
+        from cmpcheck.engines.reference import ReferenceEngine
+
         return ReferenceEngine()
     if name == "lammps":
         from cmpcheck.engines.lammps import LammpsEngine

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from cmpcheck.results import EngineInfo
-from reference.case import Case
-from reference.recording import Run
-from reference.state import Setup
+
+if TYPE_CHECKING:
+    from reference.case import Case
+    from reference.recording import Run
+    from reference.state import Setup
 
 TIMEOUT = 600.0  # s for one run of another code, unless `[engine.NAME] timeout` says otherwise
 
