@@ -8,6 +8,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Iterator
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,9 +24,11 @@ from cmpcheck.judges.pair import PairJudge
 from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.judges.train import TrainJudge
 from cmpcheck.judges.wall import WallJudge
+from cmpcheck.published.run import BenchmarkTask
 from cmpcheck.results import Comparison, EngineInfo
 from cmpcheck.study import align_outputs, reference_study
 from cmpcheck.suite import Outcome, Task, run_suite, run_task
+from cmpcheck.suite_parts import ComponentTask
 from reference.case import CASES, CaseError, load_case
 from reference.process import build_setup
 from reference.recording import Run
@@ -275,3 +279,23 @@ def test_a_worker_that_dies_takes_only_its_own_task_with_it(tmp_path):
     assert (row.case, row.status, row.reason) == ("couette_drift", "error", "the process that ran it died")
     assert len(outcomes["drag_relaxation"].comparisons) > 1
     assert statuses(outcomes["drag_relaxation"].comparisons, "reference") == {"agree"}
+
+
+def test_a_benchmark_or_the_components_whose_worker_dies_are_an_error_of_each_engine(tmp_path):
+    future: Future = Future()
+    future.set_exception(BrokenProcessPool())
+    tasks = BenchmarkTask("kharaz", ("lammps", "liggghts"), "quick", tmp_path), ComponentTask(("reference",))
+    for task, engines in zip(tasks, (["lammps", "liggghts"], ["reference"]), strict=True):
+        found = suite._found(task, future)
+        assert found.lost
+        assert found.name == task.name
+        assert [row.engine for row in found.comparisons] == engines
+        assert {row.status for row in found.comparisons} == {"error"}
+        assert all("the process that ran it died" in row.reason for row in found.comparisons)
+
+
+def test_the_longest_tasks_are_those_of_the_finest_meshes_in_liggghts(tmp_path):
+    """A step in LIGGGHTS visits every triangle, one elsewhere a few particles."""
+    wall, pair = (task_of(name, tmp_path, ("lammps", "liggghts")) for name in ("wall_oblique", "pair_stick"))
+    assert wall.cost > 10.0 * pair.cost
+    assert replace(wall, engines=("lammps",)).cost < 0.1 * wall.cost
