@@ -31,6 +31,7 @@ def run_tasks(
             for future in done:
                 if not isinstance(future.exception(), BrokenProcessPool):
                     yield left.pop(futures[future]), future
+        pool.shutdown(wait=False)  # all is done: processes with much compiled code take seconds to end
     for task in left.values():  # the pool broke: each task that it had not finished gets a process of its own
         with ProcessPoolExecutor(1, context, initializer=follow_parent) as single:
             future = single.submit(work, task)

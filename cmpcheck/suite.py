@@ -229,7 +229,6 @@ def run_suite(
             progress(task.name, done[task.name], totals[task.name])
     results = [_case_result(case, [outcomes[key] for key in keys if key[0] == case.name]) for case in loaded]
     results += [whole[task.name] for task in rest]
-    results = [settled(found) for found in results]
     versions = {info.name: info.version for info in infos if info.available}
     if files.files:
         names = ", ".join(path.name for path in files.files.values())
@@ -262,7 +261,7 @@ def _outcomes(tasks: list[Work], jobs: int, kept: Finished) -> Iterator[tuple[Wo
     for task, found in _in_processes(left, jobs):
         if not found.lost:
             kept.put(task.kind, task.label, found)
-        yield task, found
+        yield task, settled(found)
 
 
 def _check_settings(variant: Case, engine: str) -> None:
