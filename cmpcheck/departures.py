@@ -73,12 +73,13 @@ class Departure(Section):
 
     def concerns(self, row: Comparison, version: str) -> bool:
         """Whether the row is what this entry speaks of, in this version of the engine."""
+        names = (row.engine, row.case, row.quantity) == (self.engine, self.case, self.quantity)
+        if not names or not fnmatchcase(row.variant, self.variant):
+            return False
         try:
-            listed = Version(version) in SpecifierSet(self.versions)
+            return Version(version) in SpecifierSet(self.versions)  # last, for reading it takes longest
         except InvalidVersion:
             return False
-        names = (row.engine, row.case, row.quantity) == (self.engine, self.case, self.quantity)
-        return listed and names and fnmatchcase(row.variant, self.variant)
 
     def size(self, row: Comparison) -> float:
         """Measured minus reference, in the entry's measure."""
