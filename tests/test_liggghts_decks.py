@@ -11,20 +11,16 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import meshio
-import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from cmpcheck.engines.child import MPI_VARIABLES
 from cmpcheck.engines.lammps_setup import Deck, deck_path
 from cmpcheck.engines.liggghts_library import available
-from cmpcheck.engines.liggghts_setup import stl_text, wall_lines
+from cmpcheck.engines.liggghts_setup import wall_lines
 from cmpcheck.published.benchmark import benchmark_names
 from cmpcheck.study import contact_settings
-from cmpcheck.surfaces import surface_mesh
 from reference.case import load_case
-from reference.heightfield import Heightfield
 
 PAIRS = ("pair_head_on", "pair_slip", "pair_stick")
 DRAG = ("drag_relaxation", "drag_regimes", "couette_drift")
@@ -277,16 +273,3 @@ def particles(case) -> dict[str, list[float]]:
         rows[letter] = [p.position[axis] * 1e6 for p in case.particle]
         rows[f"v{letter}"] = [p.velocity[axis] for p in case.particle]
     return rows
-
-
-@pytest.mark.parametrize("turn", [1, -1])
-def test_a_surface_is_written_as_meshio_writes_it_to_the_last_digit(turn, tmp_path):
-    """meshio takes each number for itself; 0.0 and -0.0 are told apart."""
-    heights = np.random.default_rng(1).normal(0.0, 1e-7, (6, 5))
-    heights[2:4], heights[4, 2] = 0.0, -0.0
-    points, triangles = surface_mesh(Heightfield(heights, 1.3e-8))
-    path = tmp_path / "surface.stl"
-    meshio.write(path, meshio.Mesh(points, [("triangle", triangles[:, ::turn])]), "stl", binary=False)
-    text = path.read_text("ascii")
-    assert " -0.0 " in text
-    assert stl_text(points, triangles[:, ::turn]) == text

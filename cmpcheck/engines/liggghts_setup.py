@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import meshio
 import numpy as np
 
 from cmpcheck.engines.lammps_setup import Deck, DeckUnits, variables
@@ -27,10 +28,6 @@ OBSERVED = np.array([MICRO, 1.0, FORCE, MASS])  # as `fixes/native.py` takes the
 ROOM = 0.5e-6  # m, below surface and above pad: meshes must lie within the box
 
 PAD_SQUARES = 8  # along x
-FACET = (
-    "facet normal %s %s %s\n outer loop\n  vertex %s %s %s\n  vertex %s %s %s\n  vertex %s %s %s\n"
-    " endloop\nendfacet\n"
-)
 
 MESH_LINE = re.compile(
     r"^[ \t]*fix[ \t]+(\S+)[ \t]+\S+[ \t]+mesh/surface\S*[ \t].*\$\{surface_mesh\}.*$", re.M
@@ -63,33 +60,7 @@ def deck_variables(
 def write_surface(surface: Heightfield, path: Path) -> None:
     """Write one period of the surface as STL in um; as text, which LIGGGHTS reads in full precision."""
     points, triangles = surface_mesh(surface)
-    path.write_text(stl_text(points / MICRO, triangles), "ascii")
-
-
-def stl_text(points: np.ndarray, triangles: np.ndarray) -> str:
-    """Triangles (m, 3), numbers of points (n, 3), as an STL file with every digit of the points.
-
-    The text of each different number is made once: in a grid few are.
-
-    >>> print(stl_text(np.array([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]), np.array([[0, 1, 2]])))
-    solid
-    facet normal 0.0 0.0 1.0
-     outer loop
-      vertex 0.0 0.0 0.5
-      vertex 1.0 0.0 0.5
-      vertex 0.0 1.0 0.5
-     endloop
-    endfacet
-    endsolid
-    <BLANKLINE>
-    """
-    corners = points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, np.newaxis]
-    rows = np.concatenate([normals, corners.reshape(-1, 9)], axis=1)
-    different, which = np.unique(rows.view(np.int64), return_inverse=True)  # by bits: 0.0 is not -0.0
-    words = np.array([repr(value) for value in different.view(float).tolist()], dtype=object)
-    return "solid\n" + FACET * len(rows) % tuple(words[which.ravel()].tolist()) + "endsolid\n"
+    meshio.write(path, meshio.Mesh(points / MICRO, [("triangle", triangles)]), "stl", binary=False)
 
 
 def wall_lines(deck: Deck) -> tuple[str, str, str, str]:
@@ -120,7 +91,8 @@ def write_pad(setup: Setup, path: Path) -> None:
     model = setup.model
     z = np.full((PAD_SQUARES, round(PAD_SQUARES * model.length_y / model.length_x)), setup.state.pad_height)
     points, triangles = surface_mesh(Heightfield(z, model.length_x / PAD_SQUARES))
-    path.write_text(stl_text(points / MICRO, triangles[:, ::-1]), "ascii")
+    mesh = meshio.Mesh(points / MICRO, [("triangle", triangles[:, ::-1])])
+    meshio.write(path, mesh, "stl", binary=False)
 
 
 def create_atoms(liggghts: Liggghts, state: State) -> None:
