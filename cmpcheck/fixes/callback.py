@@ -16,6 +16,7 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
+from cmpcheck.engines.lammps_library import NEVER
 from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import (
     BY_TAG_COLUMNS,
@@ -28,7 +29,7 @@ from cmpcheck.fixes.layout import (
 )
 from cmpcheck.fixes.near import MOST_SQUARES, Near
 from cmpcheck.fixes.pairs import observe_pairs
-from cmpcheck.fixes.particles import advance_particles, remove_in_order
+from cmpcheck.fixes.particles import add_all, advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
 from cmpcheck.fixes.sweep import Local
 from reference.compiled import kernel
@@ -99,15 +100,14 @@ def numbers(address, count):
 
 
 @kernel
-def take_step(c, step, n, tags, x, force):
-    """Advance the particles of the one rank, take off what they remove, then let pairs be observed."""
+def take_step(c, step, adds, n, tags, x):
+    """Advance the particles of the one rank, and take off what they remove."""
     c.time_step = carray(pointer_to(c.dt_at), (1,), dtype=types.float64)[0] * MICRO
     if c.error != NO_ERROR:
-        force[:] = 0.0
         return
     find_arrays(c, step)
-    v, f, state = floats(c.v_at, n, 3), floats(c.f_at, n, 3), floats(c.state_at, n, STATE_COLUMNS)
-    given = floats(c.given_at, n, GIVEN_COLUMNS)
+    v, f, given = numbers(c.v_at, 3 * n), numbers(c.f_at, 3 * n), numbers(c.given_at, GIVEN_COLUMNS * n)
+    state = floats(c.state_at, n, STATE_COLUMNS)
     radius, mass = numbers(c.radius_at, n), numbers(c.rmass_at, n)
     modulus = carray(pointer_to(c.modulus_at), (c.particles,), dtype=types.float64)
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
@@ -125,7 +125,7 @@ def take_step(c, step, n, tags, x, force):
     first = c.rows
     lower_pad(c, step)
     advance_particles(
-        c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
+        c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
     )  # fmt: skip
     remove_in_order(c, heights, rows, first, c.rows)
 
@@ -159,11 +159,16 @@ def _observe(address, step):
 def _callback(pointer, step, n, tags_at, x_at, force_at):
     c = carray(pointer, (1,), dtype=CONTEXT)[0]
     if n > 0:
-        take_step(c, step, n, carray(tags_at, (n,)), carray(x_at[0], (n, 3)), carray(force_at[0], (n, 3)))
+        if step % NEVER == 0:
+            carray(force_at[0], (3 * n,))[:] = 0.0
+        adds = not (c.observe_pairs or is_sampled(c, step))
+        take_step(c, step, adds, n, carray(tags_at, (n,)), carray(x_at[0], (3 * n,)))
         pairs = c.observe_pairs and (c.pushed > 0 or c.open > 0)  # what overlaps and approaches is pushed
         if step != c.last_step and c.error == NO_ERROR and (pairs or is_sampled(c, step)):
             c.local = n
             call(c.observe_at, c.address, step)
+        if not adds and c.error == NO_ERROR:
+            add_all(numbers(c.f_at, 3 * n), numbers(c.given_at, GIVEN_COLUMNS * n))
     c.last_step = step
     if c.error != NO_ERROR:
         call(c.force_timeout_at, c.lammps, 0)

@@ -86,21 +86,23 @@ def stokes_now(model, pad_height, lag, z, vx, vy, vz, mass, diameter, per_diamet
 
 
 @uncounted
-def fail(c, code, step, tag, force):
-    """Note the first error, and leave no force behind."""
+def fail(c, code, step, tag):
+    """Note the first error."""
     if c.error == NO_ERROR:
         c.error, c.error_step, c.error_tag = code, step, tag
-    force[:] = 0.0
 
 
 @uncounted
 def advance_particles(
-    c, step, tags, x, v, f, radius, mass, state, given, force, modulus, heights, rows, local, near
+    c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
 ):  # fmt: skip
-    """Fill `force` (n, 3) with the forces of this step, in LAMMPS units; finished contacts go to `rows`.
+    """Note the forces of this step in `given`, in LAMMPS units; finished contacts go to `rows`.
 
-    Arrays of the rank's own atoms, in LAMMPS units: x, v, f (n, 3), radius, mass (n,); state
-    (n, STATE_COLUMNS), given (n, GIVEN_COLUMNS).  `v` and `mass` change when a particle picks up material.
+    Arrays of the rank's own atoms, in LAMMPS units: x, v, f, rows of three one behind the other, (3 n,);
+    radius, mass (n,); state (n, STATE_COLUMNS), given, rows of GIVEN_COLUMNS one behind the other.  `v` and
+    `mass` change when a particle picks up material.
+    `f` comes with what else acts; when the fix `adds`, it goes with the forces of this step in it. Otherwise
+    `add_all` adds them, once the pairs have been observed. After an error they are in it for some or none.
     `heights` is only read.  `local` is a `sweep.Local`, `near` a `near.Near`.
     Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
     """
@@ -120,17 +122,14 @@ def advance_particles(
     if c.many and not many:
         show_contacts(travel, since)
     c.many, c.at_pad = many, 0
-    flat_x, flat_v, flat_f = x.reshape(x.size), v.reshape(v.size), f.reshape(f.size)
-    flat_force, flat_given = force.reshape(force.size), given.reshape(given.size)
     for begin in range(0, tags.size, TOGETHER):
         end = min(begin + TOGETHER, tags.size)
         if usual:
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
             arguments = (
-                model, step, c.pad_height, strikes, kept, c.patience, c.time_step, factor,
-                flat_x[rows_of_three], flat_v[rows_of_three], flat_f[rows_of_three], radius[some], mass[some],
-                travel[some], since[some], flat_given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
-                flat_force[rows_of_three],
+                adds, model, step, c.pad_height, strikes, kept, c.patience, c.time_step, factor,
+                x[rows_of_three], v[rows_of_three], f[rows_of_three], radius[some], mass[some],
+                travel[some], since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
             c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
             if remarkable(travel[some]) == 0:
@@ -140,61 +139,62 @@ def advance_particles(
                 continue
             contact = state[i]
             if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
-                waits = f[i, 0] != 0.0 or f[i, 1] != 0.0 or f[i, 2] != 0.0
+                waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0
                 if is_left_alone(
-                    c, step, tags[i] - 1, (x[i, 0] * MICRO, x[i, 1] * MICRO, x[i, 2] * MICRO),
-                    (v[i, 0], v[i, 1], v[i, 2]), waits, radius[i] * MICRO, heights, contact, near,
+                    c, step, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
+                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, heights, contact, near,
                 ):  # fmt: skip
+                    if adds:
+                        add_given(i, f, given)
                     continue
             seen = local.seen[tags[i] - 1]
             if usual:
                 contact[CLEARANCE] = -travel[i]
             else:  # before a run a deck may have moved anything
-                contact[CLEARANCE] = way_since(c.model, seen, x[i], radius[i])
+                contact[CLEARANCE] = way_since(c.model, seen, x[3 * i : 3 * i + 3], radius[i])
                 near.place[tags[i] - 1, 3] = -1.0
             error = advance_particle(
-                c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given[i], force, modulus,
+                c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given, modulus,
                 heights, rows, near, factor,
             )  # fmt: skip
             if error != NO_ERROR:
-                fail(c, error, step, tags[i], force)
+                fail(c, error, step, tags[i])
                 return
             travel[i], since[i] = way_left(contact), waiting_since(contact)
+            if adds:
+                add_given(i, f, given)
     if c.observe_pairs:
         c.pushed = count_pushed(f)
 
 
 @uncounted
 def count_pushed(f):
-    """How many particles have a native pair force, of `f` (n, 3)."""
+    """How many particles have a native pair force, of `f` (3 n,)."""
     count = 0
-    for i in range(f.shape[0]):
-        count += (f[i, 0] != 0.0) | (f[i, 1] != 0.0) | (f[i, 2] != 0.0)
+    for i in range(f.size // 3):
+        count += (f[3 * i] != 0.0) | (f[3 * i + 1] != 0.0) | (f[3 * i + 2] != 0.0)
     return count
 
 
 @inlined
 def advance_particle(
-    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, force, modulus, heights, rows,
-    near, factor,
+    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, modulus, heights, rows, near, factor,
 ):  # fmt: skip
     """Fill `force[i]`, whatever acts; return an error code.  `usual`: it was evaluated before."""
     dt, model = c.time_step, c.model
+    given = given[GIVEN_COLUMNS * i : GIVEN_COLUMNS * (i + 1)]
     if not usual and given[EVALUATED] == step + 1:
-        for axis in range(3):
-            force[i, axis] = given[FORCE + axis]
         return NO_ERROR
     c.lag = 0.5 * dt if usual or given[EVALUATED] > 0.0 else 0.0  # the first velocities are of full steps
     acts = 0.5 * dt + c.lag  # the first force acts for half a step
     given[EVALUATED] = step + 1
-    px, py, pz, radius_i = x[i, 0] * MICRO, x[i, 1] * MICRO, x[i, 2] * MICRO, radius[i] * MICRO
-    vx, vy, vz, m = v[i, 0], v[i, 1], v[i, 2], mass[i] * PICOGRAM
-    gx, gy, gz = f[i, 0] * NANO, f[i, 1] * NANO, f[i, 2] * NANO
+    px, py, pz, radius_i = x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO, radius[i] * MICRO
+    vx, vy, vz, m = v[3 * i], v[3 * i + 1], v[3 * i + 2], mass[i] * PICOGRAM
+    gx, gy, gz = f[3 * i] * NANO, f[3 * i + 1] * NANO, f[3 * i + 2] * NANO
     if not math.isfinite(px + py + pz + vx + vy + vz + gx + gy + gz + m):
         return NOT_FINITE
     waits = gx != 0.0 or gy != 0.0 or gz != 0.0
     if c.form == OBSERVE:
-        force[i] = 0.0
         for axis in range(3):
             given[FORCE + axis] = 0.0
         return NO_ERROR
@@ -224,22 +224,34 @@ def advance_particle(
             pass  # too far off
         elif c.form == IMPULSE:
             sx, sy, sz, gained = impulse_contact(
-                c, step, acts, waits, touch, (px, py, pz), v[i], m, radius_i, tag, modulus[tag - 1], contact,
+                c, step, acts, waits, touch, (px, py, pz), v[3 * i : 3 * i + 3], m, radius_i, tag, modulus[tag - 1], contact,
                 rows,
             )  # fmt: skip
         else:
             sx, sy, sz, gained = soft_contact(
-                c, step * dt, acts, touch, (px, py, pz), v[i], v_free, m, radius_i, tag, modulus[tag - 1],
+                c, step * dt, acts, touch, (px, py, pz), v[3 * i : 3 * i + 3], v_free, m, radius_i, tag, modulus[tag - 1],
                 contact, rows,
             )  # fmt: skip
         if gained < 0.0:
             return -int(gained)
         mass[i] += gained / PICOGRAM
-    force[i, 0], force[i, 1] = (ex + sx) * PER_NEWTON, (ey + sy) * PER_NEWTON
-    force[i, 2] = (ez + sz - push) * PER_NEWTON
-    for axis in range(3):
-        given[FORCE + axis] = force[i, axis]
+    given[FORCE], given[FORCE + 1] = (ex + sx) * PER_NEWTON, (ey + sy) * PER_NEWTON
+    given[FORCE + 2] = (ez + sz - push) * PER_NEWTON
     return NO_ERROR
+
+
+@inlined
+def add_given(i, f, given):
+    """Add what the fix gives atom i to its force, in LAMMPS units."""
+    for axis in range(3):
+        f[3 * i + axis] += given[GIVEN_COLUMNS * i + FORCE + axis]
+
+
+@uncounted
+def add_all(f, given):
+    """Add what the fix gives all atoms at this step to their forces; arrays as in `advance_particles`."""
+    for i in range(f.size // 3):
+        add_given(i, f, given)
 
 
 @uncounted

@@ -14,6 +14,7 @@ from cmpcheck.fixes.layout import (
     EVALUATED,
     FORCE,
     FREE,
+    GIVEN_COLUMNS,
     IMPULSE,
     LEDGER_FULL,
     MICRO,
@@ -225,18 +226,18 @@ def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: 
 
 
 def advance_particles(
-    c: Any, step: int, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray, radius: np.ndarray,
-    mass: np.ndarray, state: np.ndarray, given: np.ndarray, force: np.ndarray, modulus: np.ndarray,
+    c: Any, step: int, adds: bool, tags: np.ndarray, x: np.ndarray, v: np.ndarray, f: np.ndarray,
+    radius: np.ndarray, mass: np.ndarray, state: np.ndarray, given: np.ndarray, modulus: np.ndarray,
     heights: np.ndarray, rows: np.ndarray, _local: Any, _near: Any,
 ) -> None:  # fmt: skip
-    """Fill `force` with the forces of this step, in LAMMPS units; see `particles.advance_particles`.
+    """Note the forces of this step in `given`, in LAMMPS units; see `particles.advance_particles`.
 
     What only saves time, `_local` and `_near`, has no use here.
     """
+    x, v, f, given = x.reshape(-1, 3), v.reshape(-1, 3), f.reshape(-1, 3), given.reshape(-1, GIVEN_COLUMNS)
     c.lag = 0.0
     for i, tag in enumerate(tags):
         if given[i, EVALUATED] == step + 1:
-            force[i] = given[i, FORCE : FORCE + 3]
             continue
         c.lag = 0.5 * c.time_step if given[i, EVALUATED] > 0.0 else 0.0
         given[i, EVALUATED] = step + 1
@@ -248,7 +249,8 @@ def advance_particles(
             newtons, gained = advance_particle(c, p, step, heights, rows)
         except StepError as error:
             c.error, c.error_step, c.error_tag = error.args[0], step, tag
-            force[:] = 0.0
             return
         mass[i] += gained / PICOGRAM
-        force[i] = given[i, FORCE : FORCE + 3] = newtons * PER_NEWTON
+        given[i, FORCE : FORCE + 3] = newtons * PER_NEWTON
+    if adds:
+        f += given[:, FORCE : FORCE + 3]

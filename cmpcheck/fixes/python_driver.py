@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cmpcheck.engines.lammps_library import CALLBACK, per_atom
+from cmpcheck.engines.lammps_library import CALLBACK, NEVER, per_atom
 from cmpcheck.fixes import particles, plain
 from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, GIVEN_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
@@ -40,32 +40,33 @@ class PythonCallback:
         x = np.ctypeslib.as_array(x_at[0], shape=(n, 3)) if n else np.empty((0, 3))
         force = np.ctypeslib.as_array(force_at[0], shape=(n, 3)) if n else np.empty((0, 3))
         try:
-            self._step(step, tags, x, force)
+            if step % NEVER == 0:
+                force[:] = 0.0
+            self._step(step, tags, x)
         except BaseException as failure:  # LAMMPS would print it and go on
             self.failure = self.failure or failure
-            force[:] = 0.0
             self.lmp.force_timeout()
 
-    def _step(self, step: int, tags: np.ndarray, x: np.ndarray, force: np.ndarray) -> None:
+    def _step(self, step: int, tags: np.ndarray, x: np.ndarray) -> None:
         memory, c, n = self.memory, self.memory.context, len(tags)
         c.time_step = self.lmp.extract_global("dt") * MICRO
         v, f = per_atom(self.lmp, "v", n, 3), per_atom(self.lmp, "f", n, 3)
         radius, mass = per_atom(self.lmp, "radius", n, 1), per_atom(self.lmp, "rmass", n, 1)
         state = per_atom(self.lmp, "d2_cmpcheck", n, STATE_COLUMNS)
         given = per_atom(self.lmp, "d2_cmpcheck_given", n, GIVEN_COLUMNS)
-        first = int(c.rows)
+        first, adds = int(c.rows), not (c.observe_pairs or is_sampled(c, step))
         if c.error == NO_ERROR and self.failure is None:
             try:
                 lower_pad(c, step)
                 self.advance(
-                    c, step, tags, x, v, f, radius, mass, state, given, force,
-                    memory.modulus, memory.heights, memory.rows, memory.local, memory.near,
+                    c, step, adds, tags, x.ravel(), v.ravel(), f.ravel(), radius, mass, state, given.ravel(),
+                    memory.modulus,
+                    memory.heights, memory.rows, memory.local, memory.near,
                 )  # fmt: skip
             except Exception as failure:
                 self.failure = failure
         impacts, errors = self._sum(int(c.rows) - first, int(c.error != NO_ERROR or self.failure is not None))
         if errors:
-            force[:] = 0.0
             self.lmp.force_timeout()
             return
         if impacts:
@@ -73,6 +74,8 @@ class PythonCallback:
             remove_in_order(c, memory.heights, rows, 0, len(rows))
         if step != c.last_step:
             self._observe(step, tags, x, v, f, radius, mass, given)
+        if not adds:
+            particles.add_all(f.ravel(), given.ravel())
         c.last_step = step
 
     def _observe(self, step: int, tags: np.ndarray, *arrays: np.ndarray) -> None:

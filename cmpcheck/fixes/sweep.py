@@ -40,6 +40,7 @@ from reference.state import FLOW_NONE, Model
 uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
 
 NO_CONTACT = math.nan
+NOTHING = -0.0  # what a force plus it is that force to the bit, also where that is -0.0
 LEAST = 1e-300  # m: what makes a way of 0 negative
 SURELY = 1.0 - 1e-9  # of Re^2 = 1: what rounding could bring above that is left to the others
 
@@ -87,7 +88,7 @@ def meet(model, local, tags, x, radius, state):
     for i in range(tags.size):
         if local.tag[i] != tags[i]:
             local.tag[i] = tags[i]
-            state[i, CLEARANCE] = way_since(model, local.seen[tags[i] - 1], x[i], radius[i])
+            state[i, CLEARANCE] = way_since(model, local.seen[tags[i] - 1], x[3 * i : 3 * i + 3], radius[i])
             local.travel[i], local.since[i] = way_left(state[i]), waiting_since(state[i])
 
 
@@ -118,8 +119,8 @@ def stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, k):
 
 @inlined
 def sweep_form(
-    with_pad, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-    travel, since, given, force,
+    with_pad, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+    travel, since, given,
 ):  # fmt: skip
     """`sweep` and `sweep_with_pad`, of which the compiler makes two loops."""
     lag, per_reynolds, evaluated, now = 0.5 * dt, 0.0, float(step + 1), float(step)
@@ -129,13 +130,14 @@ def sweep_form(
     for i in range(mass.size):
         j = 3 * i
         z, vx, vy, vz = x[j + 2] * MICRO, v[j], v[j + 1], v[j + 2]
+        fx, fy, fz = f[j], f[j + 1], f[j + 2]
         diameter = 2.0 * (radius[i] * MICRO)
         m = mass[i] * PICOGRAM
         ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, m, per_diameter * diameter)
         approach = vz + strikes
         calm = (not model.has_pad) | (z + radius[i] * MICRO <= pad_height) | (approach <= 0.0)
         if with_pad:
-            waits = (f[j] != 0.0) | (f[j + 1] != 0.0) | (f[j + 2] != 0.0)
+            waits = (fx != 0.0) | (fy != 0.0) | (fz != 0.0)
             no_contact = since[i] != since[i]
             struck = (not calm) & no_contact & (not waits) & (approach < kept)
             held = (not calm) & waits & ((now - since[i]) * dt < patience)
@@ -146,25 +148,27 @@ def sweep_form(
         else:
             calm &= travel[i] >= 0.0
         ex, ey, ez = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
-        force[j], force[j + 1], force[j + 2] = ex, ey, ez
         row = GIVEN_COLUMNS * i
         given[row + FORCE], given[row + FORCE + 1], given[row + FORCE + 2] = ex, ey, ez
         given[row + EVALUATED] = evaluated
         speed = abs(vx) + abs(vy) + abs(vz)  # and more: a root takes as long as all the rest
         left = abs(travel[i]) - dt * speed
         left = left if left > 0.0 else 0.0
-        total = x[j] + x[j + 1] + z + speed + f[j] + f[j + 1] + f[j + 2]
+        total = x[j] + x[j + 1] + z + speed + fx + fy + fz
         per_slip = per_reynolds * diameter
         calm &= slip * (per_slip * per_slip) <= SURELY
         calm &= total - total == 0.0  # finite
         travel[i] = left if calm else -left
+        added = calm & (left > 0.0) & adds
+        ex, ey, ez = ex if added else NOTHING, ey if added else NOTHING, ez if added else NOTHING
+        f[j], f[j + 1], f[j + 2] = fx + ex, fy + ey, fz + ez
     return done
 
 
 @uncounted
 def sweep(
-    model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel, since,
-    given, force,
+    adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel,
+    since, given,
 ):  # fmt: skip
     """Fill `force` with the drag, in LAMMPS units, note it in `given`, take the step's way off `travel` (n,).
 
@@ -174,15 +178,15 @@ def sweep(
     and diameter, kg/(s m).  The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
     """
     return sweep_form(
-        False, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-        travel, since, given, force,
+        False, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+        travel, since, given,
     )  # fmt: skip
 
 
 @uncounted
 def sweep_with_pad(
-    model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel, since,
-    given, force,
+    adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel,
+    since, given,
 ):  # fmt: skip
     """As `sweep`, and what the pad does to most: how many it was.  For when many particles are at the pad.
 
@@ -190,8 +194,8 @@ def sweep_with_pad(
     row of them, and holds back from those on which a pair force acts, for less than `patience` (s).
     """
     return sweep_form(
-        True, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-        travel, since, given, force,
+        True, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
+        travel, since, given,
     )  # fmt: skip
 
 
