@@ -113,7 +113,8 @@ def take_step(c, step, adds, n, tags, x):
     heights = floats(c.heights_at, c.nodes_x, c.nodes_y)
     local = Local(
         carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles),
-        numbers(c.since_at, c.particles), floats(c.seen_at, c.particles, 4),
+        numbers(c.since_at, c.particles), carray(pointer_to(c.due_at), (c.particles,), dtype=types.uint32),
+        floats(c.seen_at, c.particles, 4),
     )  # fmt: skip
     near = Near(
         floats(c.place_at, c.particles, 4),

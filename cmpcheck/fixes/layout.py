@@ -128,6 +128,7 @@ CONTEXT = np.dtype(
         ("tag_at", "i8"),  # those of sweep.Local
         ("travel_at", "i8"),
         ("since_at", "i8"),
+        ("due_at", "i8"),
         ("seen_at", "i8"),
         ("place_at", "i8"),  # and those of near.Near
         ("fallen_at", "i8"),

@@ -39,8 +39,8 @@ from cmpcheck.fixes.layout import (
 from cmpcheck.fixes.sweep import (
     SURELY,
     copied,
+    list_due,
     meet,
-    remarkable,
     show_contacts,
     stokes_drag,
     stokes_factor,
@@ -132,11 +132,9 @@ def advance_particles(
                 travel[some], since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
             c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
-            if remarkable(travel[some]) == 0:
-                continue
-        for i in range(begin, end):
-            if usual and travel[i] > 0.0:
-                continue
+        count = list_due(travel[begin:end], local.due) if usual else end - begin
+        for number in range(count):
+            i = begin + local.due[number] if usual else begin + number
             contact = state[i]
             if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
                 waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0

@@ -46,18 +46,20 @@ SURELY = 1.0 - 1e-9  # of Re^2 = 1: what rounding could bring above that is left
 
 
 class Local(NamedTuple):
-    """What is kept of the rank's atoms, for n particles in all: three arrays (n,), and one by tag (n, 4)."""
+    """What is kept of the rank's atoms, for n particles in all: arrays (n,), and one by tag (n, 4)."""
 
     tag: np.ndarray  # of the atom that the other numbers are of; 0: none yet
     travel: np.ndarray  # way until the surface can be touched, m; 0, or with the sign turned: to be looked at
     since: np.ndarray  # step since which the pad waits to strike; `NO_CONTACT`, or -inf in a soft contact
-
+    due: np.ndarray  # room for the numbers of those that are looked at
     seen: np.ndarray  # where the surface was searched from last, and how far it was then, m; 0: never
 
 
 def empty_local(n: int) -> Local:
     """For `n` particles, none of which is known yet."""
-    return Local(np.zeros(n, dtype=np.int32), np.zeros(n), np.full(n, NO_CONTACT), np.zeros((n, 4)))
+    return Local(
+        np.zeros(n, np.int32), np.zeros(n), np.full(n, NO_CONTACT), np.zeros(n, np.uint32), np.zeros((n, 4))
+    )
 
 
 @kernel
@@ -122,7 +124,10 @@ def sweep_form(
     with_pad, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
     travel, since, given,
 ):  # fmt: skip
-    """`sweep` and `sweep_with_pad`, of which the compiler makes two loops."""
+    """`sweep` and `sweep_with_pad`, of which the compiler makes two loops.
+
+    What can be is told by the sign of a number: truths of several comparisons are packed and unpacked.
+    """
     lag, per_reynolds, evaluated, now = 0.5 * dt, 0.0, float(step + 1), float(step)
     if model.flow != FLOW_NONE:
         per_reynolds = model.fluid_density / model.viscosity  # Re over slip and diameter, s/m2
@@ -137,8 +142,10 @@ def sweep_form(
         m = mass[i] * PICOGRAM
         ex, ey, ez, slip = stokes_drag(model, pad_height, lag, z, vx, vy, vz, m, per_diameter * diameter)
         approach = vz + strikes
-        calm = (z + radius[i] * MICRO <= pad) | (approach <= 0.0)
+        inside = z + radius[i] * MICRO - pad
+        reason = inside if inside < approach else approach  # why not: above 0 one has to be looked at
         if with_pad:
+            calm = reason <= 0.0
             waits = (fx != 0.0) | (fy != 0.0) | (fz != 0.0)
             no_contact = since[i] != since[i]
             struck = (not calm) & no_contact & (not waits) & (approach < kept)
@@ -146,9 +153,9 @@ def sweep_form(
             push = surface_normal_impulse(m, -approach, model.pad_restitution) / dt
             ez -= push if struck else 0.0
             done += struck | held
-            calm = struck | held | (calm & no_contact)
+            reason = 1.0 - (struck | held | (calm & no_contact))
         else:
-            calm &= travel[i] >= 0.0
+            reason = reason if reason > -travel[i] else -travel[i]
         ex, ey, ez = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
         row = GIVEN_COLUMNS * i
         given[row + FORCE], given[row + FORCE + 1], given[row + FORCE + 2] = ex, ey, ez
@@ -158,10 +165,10 @@ def sweep_form(
         left = left if left > 0.0 else 0.0
         total = x[j] + x[j + 1] + z + speed + fx + fy + fz
         per_slip = per_reynolds * diameter
-        calm &= slip * (per_slip * per_slip) <= SURELY
-        calm &= abs(total) < math.inf
-        travel[i] = left * (2.0 * calm - 1.0)  # with a branch they are two masked stores, far slower
-        added = calm & (left > enough)
+        fast = slip * (per_slip * per_slip) - SURELY
+        reason = (reason if reason > fast else fast) + 0.0 * total  # not a number where one is not finite
+        left = left if reason <= 0.0 else -left
+        travel[i], added = left, left > enough
         ex, ey, ez = ex if added else NOTHING, ey if added else NOTHING, ez if added else NOTHING
         f[j], f[j + 1], f[j + 2] = fx + ex, fy + ey, fz + ez
     return done
@@ -216,11 +223,15 @@ def stokes_factor(model):
 
 
 @uncounted
-def remarkable(travel):
-    """How many atoms are to be looked at one by one."""
-    count = 0
+def list_due(travel, due):
+    """Write the atoms that are to be looked at one by one into `due`; return how many they are.
+
+    Without a branch that the processor could guess wrongly.
+    """
+    count = np.uint32(0)
     for i in range(travel.size):
-        count += not travel[i] > 0.0
+        due[count] = i
+        count += np.uint32(not travel[i] > 0.0)
     return count
 
 
