@@ -23,7 +23,7 @@ from cmpcheck.fixes.near import STEPS_AHEAD, WIDEST, contact_nearby, is_near, re
 from cmpcheck.fixes.sweep import uncounted
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surface_impact
-from reference.compiled import formula
+from reference.compiled import formula, inlined
 from reference.contact import compression_impulse, surface_normal_impulse
 from reference.heightfield import surface_contact
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
@@ -110,7 +110,7 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
     return overlap, nx, ny, nz, qx, qy, qz
 
 
-@uncounted
+@inlined
 def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contact, near):
     """Whether `impulse_contact` would do nothing for particle k, which overlaps what it may touch.
 

@@ -38,7 +38,6 @@ from cmpcheck.fixes.layout import (
 )
 from cmpcheck.fixes.sweep import (
     SURELY,
-    copied,
     list_due,
     meet,
     show_contacts,
@@ -113,8 +112,7 @@ def advance_particles(
     usual = 0 <= c.last_step < step and c.form != OBSERVE
     if usual:
         c.lag = 0.5 * c.time_step
-    model = copied(c.model)
-    factor = stokes_factor(model)
+    factor = stokes_factor(c.model)
     strikes, kept = math.inf, -math.inf  # a soft pad also by what else acts
     if c.form == IMPULSE:
         strikes, kept = c.pad_velocity, c.ledger_speed
@@ -127,9 +125,9 @@ def advance_particles(
         if usual:
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
             arguments = (
-                adds, model, step, c.pad_height, strikes, kept, c.patience, c.time_step, factor,
-                x[rows_of_three], v[rows_of_three], f[rows_of_three], radius[some], mass[some],
-                travel[some], since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+                adds, c, step, strikes, kept, factor, x[rows_of_three], v[rows_of_three], f[rows_of_three],
+                radius[some], mass[some], travel[some], since[some],
+                given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
             c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
         count = list_due(travel[begin:end], local.due) if usual else end - begin

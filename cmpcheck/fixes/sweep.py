@@ -121,13 +121,13 @@ def stokes_drag(model, pad_height, lag, z, vx, vy, vz, mass, k):
 
 @inlined
 def sweep_form(
-    with_pad, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-    travel, since, given,
+    with_pad, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
 ):  # fmt: skip
     """`sweep` and `sweep_with_pad`, of which the compiler makes two loops.
 
     What can be is told by the sign of a number: truths of several comparisons are packed and unpacked.
     """
+    model, pad_height, patience, dt = copied(c.model), c.pad_height, c.patience, c.time_step
     lag, per_reynolds, evaluated, now = 0.5 * dt, 0.0, float(step + 1), float(step)
     if model.flow != FLOW_NONE:
         per_reynolds = model.fluid_density / model.viscosity  # Re over slip and diameter, s/m2
@@ -176,8 +176,7 @@ def sweep_form(
 
 @uncounted
 def sweep(
-    adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel,
-    since, given,
+    adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
 ):  # fmt: skip
     """Fill `force` with the drag, in LAMMPS units, note it in `given`, take the step's way off `travel` (n,).
 
@@ -187,15 +186,13 @@ def sweep(
     and diameter, kg/(s m).  The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
     """
     return sweep_form(
-        False, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-        travel, since, given,
-    )  # fmt: skip
+        False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
+    )
 
 
 @uncounted
 def sweep_with_pad(
-    adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass, travel,
-    since, given,
+    adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
 ):  # fmt: skip
     """As `sweep`, and what the pad does to most: how many it was.  For when many particles are at the pad.
 
@@ -203,9 +200,8 @@ def sweep_with_pad(
     row of them, and holds back from those on which a pair force acts, for less than `patience` (s).
     """
     return sweep_form(
-        True, adds, model, step, pad_height, strikes, kept, patience, dt, per_diameter, x, v, f, radius, mass,
-        travel, since, given,
-    )  # fmt: skip
+        True, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
+    )
 
 
 @uncounted
