@@ -87,7 +87,7 @@ def overlap_with(position, radius, qx, qy, qz):
     return radius - math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
 
 
-@uncounted
+@inlined
 def look_at_surface(c, k, position, speed, radius, heights, state, near):
     """Overlap, normal (three components) and closest point (three) of particle k with the surface.
 
@@ -247,7 +247,7 @@ def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
     return force, NO_ERROR
 
 
-@uncounted
+@inlined
 def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, contact, rows):
     """Impulsive contact with the pad: (force downwards in N for this step, error code).
 
