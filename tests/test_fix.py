@@ -381,6 +381,32 @@ def test_a_deck_that_does_not_fit_is_refused(options, message):
         attach(lmp, 2, make_model())
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("sample_every", [0, 1])
+def test_forces_are_added_once_at_the_first_step_and_at_later_ones(compiled, sample_every):
+    """At step 0 LAMMPS adds as well: nothing.  Whether the trajectory is observed before makes no difference."""
+    model = make_model(flow=FLOW_UNIFORM, flow_x=1.0, has_surface=False, fluid_density=1.0)
+    stokes = 3.0 * math.pi * model.viscosity * 2.0 * RADIUS
+    lmp = open_lammps(["-screen", "none", "-log", "none"])
+    lmp.commands_string(deck([(5.0, 5.0, 5.0)], [(0.0, 0.0, 0.0)], 1e-12))
+    fix = attach(lmp, 1, model, compiled=compiled, sample_every=sample_every)
+    for command in ("run 0", "run 0", "run 1", "run 3 pre no"):
+        lmp.command(command)
+        fix.check()
+        f, v = (lmp.numpy.extract_atom(name)[0] for name in ("f", "v"))
+        slip = np.array([1.0, 0.0, 0.0]) - v
+        # the velocity of half a step ago, and less: dt/tau of the slip
+        np.testing.assert_allclose(f, stokes * slip * 1e9, rtol=1e-12 / (MASS / stokes), atol=0.0)
+
+
+def test_the_fix_acts_on_all_atoms_or_is_refused():
+    lmp = open_lammps(["-screen", "none", "-log", "none"])
+    lines = deck([(2.0, 5.0, 5.0), (7.0, 5.0, 5.0)], [(0.0, 0.0, 0.0)] * 2, 1e-9)
+    lmp.commands_string(lines.replace("fix slurry all", "group first id 1\nfix slurry first"))
+    with pytest.raises(EngineError, match="the group first: the deck must use `fix slurry all external"):
+        attach(lmp, 2, make_model())
+
+
 GRANULAR = "comm_modify vel yes\npair_style granular\npair_coeff * * hooke {k} {e} tangential linear_nohistory 30 {mu} damping coeff_restitution"  # noqa: E501
 
 

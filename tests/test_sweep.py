@@ -6,6 +6,7 @@ import pytest
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     EVALUATED,
+    FORCE,
     GIVEN_COLUMNS,
     MICRO,
     NO_ERROR,
@@ -44,10 +45,11 @@ def layer(calm=True):
     ]  # fmt: skip
 
 
-def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, at_pad=0):
+def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, at_pad=0, adds=True):
     """Forces after one step, and which particles have been looked at one by one; `known` tags before it.
 
-    `kept` is the ledger's least speed, `at_pad` how many were at the pad at the last step.
+    `kept` is the ledger's least speed, `at_pad` how many were at the pad at the last step.  What the fix
+    `adds` to the forces that were there must be that, once, for each particle.
     """
     state = setup.state
     memory = Memory(
@@ -58,11 +60,16 @@ def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, a
     memory.local.tag[:], memory.local.travel[:] = arrays[0] if known is None else known, travel
     memory.local.since[:] = [waiting_since(contact) for contact in copies[6]]
     copies[6][:, CLEARANCE] = np.nan  # is set where a particle is looked at
+    tags, x, v, f, radius, mass, state, given = copies
+    x, v, f, given = x.reshape(-1), v.reshape(-1), f.reshape(-1), given.reshape(-1)
     advance_particles(
-        c, STEP, False, *copies, memory.modulus, memory.heights, memory.rows, memory.local, memory.near
-    )
+        c, STEP, adds, tags, x, v, f, radius, mass, state, given, memory.modulus, memory.heights, memory.rows,
+        memory.local, memory.near,
+    )  # fmt: skip
     assert c.error == NO_ERROR
-    return copies[8], list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
+    force = given.reshape(-1, GIVEN_COLUMNS)[:, FORCE : FORCE + 3]
+    np.testing.assert_array_equal(copies[3], arrays[3] + force if adds else arrays[3])
+    return force, list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
 
 
 @pytest.mark.nojit
@@ -74,6 +81,16 @@ def test_all_at_once_and_one_by_one_give_the_same_forces_to_the_bit(form):
     together, looked_at = advanced(setup, arrays, form, STEP - 1, travel=MICRO)
     assert 0 < len(looked_at) < len(alone)  # those above Re = 1
     np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("form", ["soft", "impulse"])
+def test_nothing_is_added_while_pairs_are_still_to_be_observed(form):
+    setup, arrays = layer(calm=False)
+    arrays[3][:] = np.random.default_rng(1).standard_normal(arrays[3].shape)
+    later, _ = advanced(setup, arrays, form, STEP - 1, travel=MICRO, adds=False)
+    at_once, _ = advanced(setup, arrays, form, STEP - 1, travel=MICRO)
+    np.testing.assert_array_equal(later, at_once)
 
 
 @pytest.mark.nojit

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+import tempfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -107,6 +108,8 @@ def function_address(lmp: Any, name: str) -> int:
 def set_external_callback(lmp: Any, fix_id: str, callback: int, pointer: int) -> None:
     """Give `fix external` the address of its callback, and the pointer that it passes on.
 
+    The fix is defined again, in its place, so that it leaves adding forces to the callback; but where the
+    number of the step is a multiple of NEVER, as 0 is, LAMMPS adds what is in the array that it hands over.
     Raises EngineError when the deck has no such fix, or LAMMPS was built with other integer sizes.
     """
     if not lmp.has_id("fix", fix_id):
@@ -121,6 +124,16 @@ def set_external_callback(lmp: Any, fix_id: str, callback: int, pointer: int) ->
         message = ctypes.create_string_buffer(1024)
         lmp.lib.lammps_get_last_error_message(lmp.lmp, message, len(message))
         raise EngineError(error_message(Exception(message.value.decode())))
+
+
+def fix_style_and_group(lmp: Any, fix_id: str) -> tuple[str, str]:
+    """Style and group of a fix, from what LAMMPS's `info` writes on the first rank; "", "" on all others."""
+    with tempfile.TemporaryDirectory(prefix="cmpcheck-") as folder:
+        path = Path(folder) / "fixes"
+        lmp.command(f'info fixes out overwrite "{path}"')
+        text = path.read_text() if path.exists() else ""
+    found = re.search(rf"^Fix\[ *\d+\]: *{re.escape(fix_id)}, *style = (\S+), *group = (\S+)$", text, re.M)
+    return (found.group(1), found.group(2)) if found else ("", "")
 
 
 def global_address(lmp: Any, name: str) -> int:

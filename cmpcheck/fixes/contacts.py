@@ -227,7 +227,7 @@ def open_pad_contact(c, time, position, approach, tag, contact):
     row[col.APPROACH_SPEED] = approach
 
 
-@uncounted
+@inlined
 def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
     """Spring-dashpot contact with the pad, which moves down: (force downwards in N, error code)."""
     overlap, approach = position[2] + radius - c.pad_height, v_free[2] + c.pad_velocity

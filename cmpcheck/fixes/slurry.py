@@ -27,7 +27,13 @@ import numba
 import numpy as np
 import pandas as pd
 
-from cmpcheck.engines.lammps_library import EngineError, per_atom, per_atom_columns, set_external_callback
+from cmpcheck.engines.lammps_library import (
+    EngineError,
+    fix_style_and_group,
+    per_atom,
+    per_atom_columns,
+    set_external_callback,
+)
 from cmpcheck.fixes.layout import ERRORS, FORMS, GIVEN_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.python_driver import PythonCallback
@@ -114,6 +120,8 @@ class SlurryFix:
     def attach(self) -> None:
         """Hand the callback to LAMMPS; the atoms and both fixes must have been defined.
 
+        It adds its forces to those of LAMMPS itself, so the `fix external` is defined again, in its place:
+        what `fix_modify` has changed of it is lost.
         Raises EngineError when the deck does not define what the fix needs.
         """
         self._check_deck()
@@ -145,8 +153,20 @@ class SlurryFix:
             last = max(self.comm.allgather(last))
         if last != n:
             raise EngineError(f"atom tags must be 1 ... {n}, the largest is {last}")
+        self._check_external()
         if not defines_state(lmp):
             raise EngineError(f"the deck must define the per-atom state of the fix: {DEFINE_STATE}")
+
+    def _check_external(self) -> None:
+        if not self.lmp.has_id("fix", self.fix_id):
+            return  # `set_external_callback` says what is missing
+        found = fix_style_and_group(self.lmp, self.fix_id)
+        style, group = found if self.comm is None else self.comm.bcast(found)
+        if (style, group) != ("external", "all"):
+            raise EngineError(
+                f"fix {self.fix_id} has the style {style} and the group {group}: the deck must use "
+                f"`fix {self.fix_id} all external pf/callback 1 1`"
+            )
 
     def _largest_diameter(self) -> float:
         nlocal = self.lmp.extract_setting("nlocal")
