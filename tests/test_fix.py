@@ -384,7 +384,7 @@ def test_a_deck_that_does_not_fit_is_refused(options, message):
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("sample_every", [0, 1])
 def test_forces_are_added_once_at_the_first_step_and_at_later_ones(compiled, sample_every):
-    """At step 0 LAMMPS adds as well: nothing.  Whether the trajectory is observed before makes no difference."""
+    """At step 0 LAMMPS adds as well: nothing.  With a trajectory the fix adds after a look at the others."""
     model = make_model(flow=FLOW_UNIFORM, flow_x=1.0, has_surface=False, fluid_density=1.0)
     stokes = 3.0 * math.pi * model.viscosity * 2.0 * RADIUS
     lmp = open_lammps(["-screen", "none", "-log", "none"])

@@ -176,7 +176,10 @@ def count_pushed(f):
 def advance_particle(
     c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, modulus, heights, rows, near, factor,
 ):  # fmt: skip
-    """Fill `force[i]`, whatever acts; return an error code.  `usual`: it was evaluated before."""
+    """Note the force on atom i in `given`, whatever acts; return an error code.
+
+    `usual`: it was evaluated before.
+    """
     dt, model = c.time_step, c.model
     given = given[GIVEN_COLUMNS * i : GIVEN_COLUMNS * (i + 1)]
     if not usual and given[EVALUATED] == step + 1:
@@ -220,13 +223,13 @@ def advance_particle(
             pass  # too far off
         elif c.form == IMPULSE:
             sx, sy, sz, gained = impulse_contact(
-                c, step, acts, waits, touch, (px, py, pz), v[3 * i : 3 * i + 3], m, radius_i, tag, modulus[tag - 1], contact,
-                rows,
+                c, step, acts, waits, touch, (px, py, pz), v[3 * i : 3 * i + 3], m, radius_i, tag,
+                modulus[tag - 1], contact, rows,
             )  # fmt: skip
         else:
             sx, sy, sz, gained = soft_contact(
-                c, step * dt, acts, touch, (px, py, pz), v[3 * i : 3 * i + 3], v_free, m, radius_i, tag, modulus[tag - 1],
-                contact, rows,
+                c, step * dt, acts, touch, (px, py, pz), v[3 * i : 3 * i + 3], v_free, m, radius_i, tag,
+                modulus[tag - 1], contact, rows,
             )  # fmt: skip
         if gained < 0.0:
             return -int(gained)

@@ -178,12 +178,13 @@ def sweep_form(
 def sweep(
     adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
 ):  # fmt: skip
-    """Fill `force` with the drag, in LAMMPS units, note it in `given`, take the step's way off `travel` (n,).
+    """Note the drag in `given`, in LAMMPS units, and take the step's way off `travel` (n,).
 
     Turns the sign of `travel` where more than Stokes's drag may act: above Re = 1, at the pad, where the
-    surface may be touched; and where a number is not finite.  x, v, f and `force` are rows of three, one
-    behind the other, (3 n,): with (n, 3) the loop would not be vectorised.  `per_diameter` is drag over slip
-    and diameter, kg/(s m).  The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
+    surface may be touched; and where a number is not finite.  When the fix `adds`, the drag of those with way
+    left is added to `f`.  x, v, f and `given` are rows, one behind the other, (3 n,) and (GIVEN_COLUMNS n,):
+    with (n, 3) the loop would not be vectorised.  `per_diameter` is drag over slip and diameter, kg/(s m).
+    The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
     """
     return sweep_form(
         False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
