@@ -17,6 +17,7 @@ from time import perf_counter
 from types import ModuleType
 
 from benchmarks import (
+    crowd,
     fix_overhead,
     full_second,
     record,
@@ -30,6 +31,7 @@ from benchmarks import (
 # Short ones first.
 PIECES: dict[str, ModuleType] = {
     "scaling": scaling,
+    "crowd": crowd,
     "fix_overhead": fix_overhead,
     "polish_full": full_second,
     "samples": samples,

@@ -17,6 +17,7 @@ TITLES = {
     "fix_overhead": "What the fix costs LAMMPS",
     "engines": "Side by side",
     "scaling": "Cost and memory over the number of particles",
+    "crowd": "The fast stepper with many particles, in threads",
     "samples": "Samples per minute, and Table 1",
     "start_up": "Start-up",
 }

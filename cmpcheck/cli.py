@@ -137,6 +137,9 @@ def run(
     stepper: Annotated[
         Stepper | None, typer.Option(help="of the reference, instead of the case's: fast skips what it can")
     ] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="of the fast stepper with many particles; default all, same numbers")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="go on with a run that was interrupted or killed")
     ] = False,
@@ -159,6 +162,8 @@ def run(
     require_engines([engine])
     if stepper is not None and engine != "reference":
         raise BadInput(f"--stepper: {engine} has none to choose; allowed: with the reference")
+    if threads is not None:
+        _take_threads(threads, engine)
     if resume and force:
         raise BadInput("--resume and --force: one goes on, the other starts again; allowed: one of them")
     if resume and engine != "reference":
@@ -192,6 +197,18 @@ def run(
         share = f"{len(there)} of {len(variants)} variants were " if len(variants) > len(there) else ""
         typer.echo(f"{share}complete already")
     typer.echo(f"run: {folder}")
+
+
+def _take_threads(count: int, engine: str) -> None:
+    """Have the reference use as many threads."""
+    from reference.fast.threads import use_threads
+
+    if engine != "reference":
+        raise BadInput(f"--threads: {engine} takes none from here; allowed: with the reference")
+    try:
+        use_threads(count)
+    except ValueError as problem:
+        raise BadInput(f"--threads: {problem}") from None
 
 
 def _stepped(case: Case, stepper: Stepper | None) -> Case:

@@ -50,7 +50,11 @@ def problem_of(future: Future) -> str:
 
 
 def follow_parent() -> None:
-    """In a worker: end when the parent is gone, even if it was killed; it would wait for tasks for ever."""
+    """In a worker: end when the parent is gone, even if it was killed; it would wait for tasks for ever.
+
+    Workers share out the cores already: none needs threads of its own.
+    """
+    os.environ["NUMBA_NUM_THREADS"] = "1"
     parent = multiprocessing.parent_process()
     assert parent is not None
 

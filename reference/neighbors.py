@@ -86,20 +86,16 @@ def _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pair
 
 
 @kernel
-def neighbor_pairs(position, cutoff, periods):
-    """All pairs i < j closer than `cutoff`, by minimum image, as an array (P, 2) of int64.
-
-    Parameters: position (N, 3) in m, wrapped where periodic; cutoff in m; periods (3,) in m, 0 where not
-    periodic.  An axis with fewer than three cells is searched whole.  The order depends on positions only.
-    """
+def _cells(position, width, periods):
+    """Cells at least `width` wide: (lowest corner (3,), size (3,), number along each axis (3,))."""
     n = position.shape[0]
     low, extent, cell, counts = np.zeros(3), periods.copy(), np.ones(3), np.ones(3, np.int64)
     for axis in range(3):
         if periods[axis] == 0.0 and n > 0:
             low[axis] = position[:, axis].min()
             extent[axis] = position[:, axis].max() - low[axis]
-        if cutoff > 0.0:
-            counts[axis] = max(1, math.floor(min(extent[axis] / cutoff, 1e6)))
+        if width > 0.0:
+            counts[axis] = max(1, math.floor(min(extent[axis] / width, 1e6)))
     while counts[0] * counts[1] * counts[2] > 8 * n + 27:  # bounded memory for sparse systems
         counts[counts.argmax()] //= 2
     for axis in range(3):
@@ -107,6 +103,25 @@ def neighbor_pairs(position, cutoff, periods):
             counts[axis] = 1
         if extent[axis] > 0.0:
             cell[axis] = extent[axis] / counts[axis]
+    return low, cell, counts
+
+
+@kernel
+def cell_order(position, width, periods):
+    """Numbers of the particles (N,), cell by cell of a `width` (m) or more; the rest as `neighbor_pairs`."""
+    low, cell, counts = _cells(position, width, periods)
+    return _bin_particles(position, low, cell, counts)[1]
+
+
+@kernel
+def neighbor_pairs(position, cutoff, periods):
+    """All pairs i < j closer than `cutoff`, by minimum image, as an array (P, 2) of int64.
+
+    Parameters: position (N, 3) in m, wrapped where periodic; cutoff in m; periods (3,) in m, 0 where not
+    periodic.  An axis with fewer than three cells is searched whole.  The order depends on positions only.
+    """
+    n = position.shape[0]
+    low, cell, counts = _cells(position, cutoff, periods)
     first, order = _bin_particles(position, low, cell, counts)
     pairs = np.empty((8 * n + 16, 2), np.int64)
     found = _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs)

@@ -38,6 +38,7 @@ from reference.timestep import (
 LEDGER_ROWS = 16_384  # of the buffer that the kernel fills
 MOST_LEDGER_ROWS = 1 << 27  # of a buffer in a checkpoint that is believed, 24 GB
 PARTICLE_STEPS = 10_000_000  # of a call of the kernel, at most: about a second, in which nothing is saved
+LEAST_STEPS = 256  # of a call, even so: each begins with new lists, and with a look at every particle
 CHECKPOINT_INTERVAL = 10.0  # s of wall-clock time
 EVOLVING = ("position", "velocity", "mass", "heights")  # arrays of the state
 REASONS = {
@@ -146,7 +147,7 @@ def _stops(setup: Setup) -> list[Stop]:
     stops = []
     for begin, end in pairwise(map(float, setup.output_times)):
         steps = (end - begin) / setup.time_step
-        calls = max(1, math.ceil(steps * len(setup.state.mass) / PARTICLE_STEPS))
+        calls = max(1, math.ceil(steps * min(len(setup.state.mass) / PARTICLE_STEPS, 1.0 / LEAST_STEPS)))
         times = np.linspace(begin, end, calls + 1)[1:]
         stops += [Stop(float(time), time == end) for time in times]
     return stops

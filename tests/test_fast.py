@@ -86,8 +86,15 @@ def apart(a: np.ndarray, b: np.ndarray, period: float = 0.0) -> float:
     return float(np.minimum(away, np.abs(period - away)).max() if period else away.max())
 
 
+@pytest.fixture(params=["few", "many"])
+def loop(request, monkeypatch):
+    """Both loops of the fast stepper, whatever the number of particles."""
+    if request.param == "many":
+        monkeypatch.setattr("reference.fast.stepper.MANY", 1)
+
+
 @pytest.mark.parametrize("name", CASES)
-def test_the_fast_stepper_follows_the_answer_key_to_round_off(name):
+def test_the_fast_stepper_follows_the_answer_key_to_round_off(name, loop):
     """More than 1000 steps with contacts; 500 where they are fast, and chaos sooner.
 
     A step rounds each component less than ROUNDINGS times, by eps of its size (`timestep.round_off`), as
@@ -133,7 +140,7 @@ def box_of_particles(scheme: str = "point_implicit", stepper: str = "plain") -> 
     return case.replaced({"numerics": {"scheme": scheme, "stepper": stepper}})
 
 
-def test_a_periodic_box_without_surface_and_fluid_is_followed_too():
+def test_a_periodic_box_without_surface_and_fluid_is_followed_too(loop):
     plain = build_setup(box_of_particles())
     steps = 600
     end = steps * plain.time_step
@@ -152,7 +159,7 @@ def test_the_fixed_point_scheme_has_no_fast_stepper():
         box_of_particles("fixed_point", "fast")
 
 
-def test_a_ledger_that_is_full_again_and_again_changes_nothing_but_round_off(monkeypatch):
+def test_a_ledger_that_is_full_again_and_again_changes_nothing_but_round_off(loop, monkeypatch):
     """The stepper begins anew, with other lists and bounds, whenever its 300 rows are full."""
     setup = with_stepper(shortened(polish(PINCHED), 1500), "fast")
     once, twin = simulate_setup(setup), simulate_setup(nudged(setup))
@@ -165,7 +172,7 @@ def test_a_ledger_that_is_full_again_and_again_changes_nothing_but_round_off(mon
     assert apart(again.positions, once.positions, period) <= bound < 1e-3 * setup.state.diameter.min()
 
 
-def test_balances_of_mass_and_volume_close_and_the_others_are_left_out():
+def test_balances_of_mass_and_volume_close_and_the_others_are_left_out(loop):
     run = simulate_setup(with_stepper(shortened(polish(HELD), 1500), "fast"))
     assert run.history["removals"].iloc[-1] > 0
     assert set(run.provenance["balances"]) == {"mass", "removed_mass", "volume"}

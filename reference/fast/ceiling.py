@@ -42,13 +42,14 @@ def raise_ceiling(heights, span, height, across):
         for k in range(i - span, i + span + 2):
             for j in range(n_y):
                 across[i, j] = max(across[i, j], heights[k % n_x, j])
-    for j in range(n_y):
-        for i in range(n_x):
+        for j in range(n_y):
             height[i, j] = across[i, j]
-        for k in range(j - span, j + span + 2):
-            column = k % n_y
-            for i in range(n_x):
-                height[i, j] = max(height[i, j], across[i, column])
+        for k in range(-span, span + 2):
+            shift = k % n_y
+            for j in range(n_y - shift):
+                height[i, j] = max(height[i, j], across[i, j + shift])
+            for j in range(n_y - shift, n_y):
+                height[i, j] = max(height[i, j], across[i, j + shift - n_y])
 
 
 @kernel

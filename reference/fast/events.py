@@ -10,6 +10,7 @@ import math
 
 from reference import ledger as col
 from reference.collisions import (
+    commit_removal,
     drag_on,
     duration_of,
     impact_energy_lost,
@@ -114,3 +115,19 @@ def book_removals(progress, rows, first, last):
                 summed = progress[total] + term
                 progress[len(P) + total] = (summed - progress[total]) - term
                 progress[total] = summed
+
+
+@kernel
+def take_off(model, heights, progress, rows, first, last, largest, changed, step):
+    """Remove from the surface what rows first ... last - 1 of the ledger say; return whether any do.
+
+    `changed` (nx, ny) gets `step` wherever it may matter to a particle; `largest` is a diameter in m.
+    """
+    removed = commit_removal(model, heights, rows, first, last)
+    if removed:
+        squares = int(largest / model.spacing) + 2
+        for row in range(first, last):
+            if rows[row, col.REMOVED_VOLUME] > 0.0:
+                mark(changed, model.spacing, rows[row, col.X], rows[row, col.Y], squares, step)
+    book_removals(progress, rows, first, last)
+    return removed

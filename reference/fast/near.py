@@ -121,16 +121,17 @@ def farthest(s, origin, periods):
 
 
 @kernel
-def list_narrow(s, lists, skin, periods):
-    """List the wide pairs that are closer than touching and `skin` as narrow ones; return how many.
+def list_narrow_of(s, lists, skin, periods, first, last):
+    """List those of the wide pairs first ... last - 1 that are closer than touching and `skin`.
 
-    Of each R E*^2 is kept: what Hertz's duration needs of a pair that does not change.
+    They stand in the narrow list from `first` on; returned is how many they are.  Of each R E*^2 is kept:
+    what Hertz's duration needs of a pair that does not change.
     """
-    wide, narrow, found = lists.wide, lists.narrow, 0
+    wide, narrow, at = lists.wide, lists.narrow, first
     half_x = 0.5 * periods[0] if periods[0] > 0.0 else math.inf
     half_y = 0.5 * periods[1] if periods[1] > 0.0 else math.inf
     half_z = 0.5 * periods[2] if periods[2] > 0.0 else math.inf
-    for pair in range(wide.shape[0]):
+    for pair in range(first, last):
         i, j = wide[pair, 0], wide[pair, 1]
         dx = nearest_image(s.x[j] - s.x[i], periods[0], half_x)
         dy = nearest_image(s.y[j] - s.y[i], periods[1], half_y)
@@ -138,12 +139,12 @@ def list_narrow(s, lists, skin, periods):
         touching = s.radius[i] + s.radius[j]
         reach = touching + skin
         if dx * dx + dy * dy + dz * dz < reach * reach:
-            narrow[found, 0], narrow[found, 1] = i, j
+            narrow[at, 0], narrow[at, 1] = i, j
             modulus = effective_modulus(s.modulus[i], s.modulus[j])
-            lists.reach[found] = touching * touching
-            lists.rigid[found] = s.radius[i] * s.radius[j] / touching * modulus * modulus
-            found += 1
-    return found
+            lists.reach[at] = touching * touching
+            lists.rigid[at] = s.radius[i] * s.radius[j] / touching * modulus * modulus
+            at += 1
+    return at - first
 
 
 @inlined

@@ -17,6 +17,7 @@ import numpy as np
 from reference.collisions import drag_on
 from reference.compiled import inlined, kernel
 from reference.contact import HERTZ
+from reference.fast.near import nearest_image
 from reference.fast.sweep import vectorised
 from reference.state import FLOW_COUETTE
 
@@ -158,3 +159,42 @@ def acceleration(model, nonlinear, shear, pad_height, rate, mass, radius, z, vx,
     if model.flow == FLOW_COUETTE:
         return rate * (shear * z - vx), -rate * vy, -rate * vz
     return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)
+
+
+@inlined
+def next_batch(model, fixed, s, narrow, reach, rigid, pair, end, meeting, c, bits):  # fmt: skip
+    """Find the next contacts among the pairs pair ... end - 1, and their impulses: (pair to go on with, met).
+
+    `meeting` gets the numbers of their pairs, the batch `c`, whose memory as integers is `bits`, the rest.
+    """
+    x, y, z, vx, vy, vz = s.x, s.y, s.z, s.vx, s.vy, s.vz
+    ax, ay, az, mass = s.ax, s.ay, s.az, s.mass
+    met = 0
+    while pair < end and met < LANES:  # without branches: whether two touch is hard to foretell
+        i, j = narrow[pair, 0], narrow[pair, 1]
+        dx = nearest_image(x[j] - x[i], model.length_x, fixed.half_x)
+        dy = nearest_image(y[j] - y[i], model.length_y, fixed.half_y)
+        dz = nearest_image(z[j] - z[i], model.length_z, fixed.half_z)
+        wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
+        lane = np.uint32(met)
+        meeting[lane] = pair
+        c[B.nx + lane], c[B.ny + lane], c[B.nz + lane] = dx, dy, dz
+        c[B.vx + lane], c[B.vy + lane], c[B.vz + lane] = wx, wy, wz
+        touching = dx * dx + dy * dy + dz * dz < reach[pair]
+        met += int(touching & (wx * dx + wy * dy + wz * dz < 0.0))
+        pair += 1
+    if met > 0:
+        for k in range(met):
+            i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
+            c[B.ax + k], c[B.ay + k], c[B.az + k] = ax[i] - ax[j], ay[i] - ay[j], az[i] - az[j]
+            c[B.mass_i + k], c[B.mass_j + k], c[B.rigid + k] = mass[i], mass[j], rigid[meeting[k]]
+        lanes = fill_up(c, met)
+        approach(c, lanes)
+        if model.impact_duration > 0.0:
+            for k in range(lanes):
+                c[B.duration + k] = model.impact_duration
+        else:
+            guess_durations(bits, lanes)
+            durations(c, lanes)
+        impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, fixed.dt)
+    return pair, met

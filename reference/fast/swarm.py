@@ -33,6 +33,9 @@ class Swarm(NamedTuple):
     rate: np.ndarray  # k/m, 1/s
     yielding: np.ndarray  # dt k/(m + dt k): the part of u - v that a step takes
     under_pad: np.ndarray  # the radius, or minus infinity where the pad has been dealt with already, m
+    ax: np.ndarray  # external force over mass, E/m, at the start of the step, m/s2
+    ay: np.ndarray
+    az: np.ndarray
     jx: np.ndarray  # impulse of the step's contacts with particles and surface, N s
     jy: np.ndarray
     jz: np.ndarray
@@ -63,21 +66,22 @@ def scratch_of(n, batch):
 
 
 @kernel
-def swarm_of(model, dt, p):
-    """The Particles `p` as a swarm that is moved in steps of `dt`."""
+def swarm_of(model, dt, p, order):
+    """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
     n = p.mass.shape[0]
     padded = LANES * ((n + LANES - 1) // LANES)
-    a = np.zeros((16, padded))
+    a = np.zeros((19, padded))
     s = Swarm(
         a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13], a[14],
-        a[15],
+        a[15], a[16], a[17], a[18],
     )  # fmt: skip
     for i in range(n):
-        s.x[i], s.y[i], s.z[i] = p.position[i]
-        s.vx[i], s.vy[i], s.vz[i] = p.velocity[i]
-        s.mass[i], s.radius[i], s.modulus[i] = p.mass[i], 0.5 * p.diameter[i], p.modulus[i]
+        k = order[i]
+        s.x[i], s.y[i], s.z[i] = p.position[k]
+        s.vx[i], s.vy[i], s.vz[i] = p.velocity[k]
+        s.mass[i], s.radius[i], s.modulus[i] = p.mass[k], 0.5 * p.diameter[k], p.modulus[k]
         if model.flow != FLOW_NONE:
-            s.drag[i] = 3.0 * math.pi * model.viscosity * p.diameter[i]
+            s.drag[i] = 3.0 * math.pi * model.viscosity * p.diameter[k]
         s.under_pad[i] = s.radius[i]
         adapt(s, dt, i)
     for i in range(n, padded):  # without drag, and never under the pad
@@ -93,9 +97,10 @@ def adapt(s, dt, i):
 
 
 @kernel
-def bring_back(s, p):
+def bring_back(s, p, order):
     """Write positions, velocities and masses of the swarm back to the Particles `p`."""
     for i in range(p.mass.shape[0]):
-        p.position[i, 0], p.position[i, 1], p.position[i, 2] = s.x[i], s.y[i], s.z[i]
-        p.velocity[i, 0], p.velocity[i, 1], p.velocity[i, 2] = s.vx[i], s.vy[i], s.vz[i]
-        p.mass[i] = s.mass[i]
+        k = order[i]
+        p.position[k, 0], p.position[k, 1], p.position[k, 2] = s.x[i], s.y[i], s.z[i]
+        p.velocity[k, 0], p.velocity[k, 1], p.velocity[k, 2] = s.vx[i], s.vy[i], s.vz[i]
+        p.mass[k] = s.mass[i]

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import numba
 
+from reference.compiled import inlined
+from reference.state import FLOW_COUETTE
+
 # sums may be taken in any order, and nothing is infinite; selections then become vector instructions
 vectorised = numba.njit(error_model="numpy", nogil=True, fastmath={"reassoc", "nsz", "nnan"})
 
@@ -92,3 +95,34 @@ def wrap_upright(z, period):
         q = q - period if q >= period else q
         q = q + period if q < 0.0 else q
         z[i] = 0.0 if q >= period else q
+
+
+@vectorised
+def accelerate(ax, ay, az, rate, z, vx, vy, vz, flow_x, flow_y, flow_z, shear):
+    """External force over mass, k (u - v)/m with Stokes's k, m/s2; `rate` is k/m, 1/s."""
+    for i in range(z.size):
+        ax[i] = rate[i] * (flow_x + shear * z[i] - vx[i])
+        ay[i] = rate[i] * (flow_y - vy[i])
+        az[i] = rate[i] * (flow_z - vz[i])
+
+
+@inlined
+def glide(model, fixed, x, y, z, vx, vy, vz, yielding, under_pad, shear, pad_height, descent):
+    """Drag, pad and motion in one step; return how many meet the pad."""
+    dt, hits = fixed.dt, 0
+    if model.has_pad:
+        hits = int(
+            glide_under_pad(
+                z, vz, under_pad, yielding, fixed.flow_z, dt, pad_height, descent, model.pad_restitution
+            )
+        )
+    else:
+        glide_upright(z, vz, yielding, fixed.flow_z, dt)
+    if model.flow == FLOW_COUETTE:
+        glide_sheared(x, vx, z, yielding, shear, dt, model.length_x)
+    else:
+        glide_along(x, vx, yielding, fixed.flow_x, dt, model.length_x)
+    glide_along(y, vy, yielding, fixed.flow_y, dt, model.length_y)
+    if model.length_z > 0.0:
+        wrap_upright(z, model.length_z)
+    return hits

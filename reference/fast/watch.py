@@ -22,6 +22,7 @@ from reference.heightfield import height_at
 from reference.state import FLOW_COUETTE
 from reference.triangle import closest_point_on_triangle
 
+AHEAD = 32  # steps for which the surroundings of a particle are searched
 HORIZON = 64  # steps, after which every particle is looked at
 CLOSE, MOST_CLOSE = 8, 8  # steps, and how many triangles a particle has that may be touched within them
 SAFETY = 1.0 - 1e-9  # of a time until contact, for its round-off

@@ -14,7 +14,7 @@ MUTANTS = (
     ),
     Mutant(
         "fast: second of a pair", "the second particle of a pair receives another impulse than the first",
-        f"{FAST}/stepper.py:march", "jz[j] -= c[B.jz + k]", "jz[j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
+        f"{FAST}/few.py:march", "jz[j] -= c[B.jz + k]", "jz[j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
     ),
     Mutant(
         "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
@@ -46,15 +46,15 @@ MUTANTS = (
     ),
     Mutant(
         "fast: narrow list", "pairs are listed as near within less than the list's way holds for",
-        f"{FAST}/near.py:list_narrow", "reach = touching + skin", "reach = touching + (1.0 - SIZE) * skin",
+        f"{FAST}/near.py:list_narrow_of", "reach = touching + skin", "reach = touching + (1.0 - SIZE) * skin",
         1.0, "% of the skin",
     ),
     Mutant(
         "fast: ceiling", "the map of surface maxima looks along x alone", f"{FAST}/ceiling.py:raise_ceiling",
-        "max(height[i, j], across[i, column])", "max(height[i, j], across[i, j])",
+        "for k in range(-span, span + 2):", "for k in range(0, 1):",
     ),
     Mutant(
-        "fast: mass not picked up", "an impact that removes adds no mass", f"{FAST}/stepper.py:march",
+        "fast: mass not picked up", "an impact that removes adds no mass", f"{FAST}/few.py:march",
         "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]", 1.0, "% of the mass",
     ),
 )  # fmt: skip

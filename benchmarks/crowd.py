@@ -1,0 +1,127 @@
+"""The fast stepper with many particles: cost over their number, equally dense, in one thread and in more.
+
+The layer of `polish_pair` at larger N, with pairs, drag, surface, pad and removal, from its start on. Each
+measurement is a process of its own: calls of the kernel as long as those of a run, of which the first, which
+compiles and warms up, does not count. `python -m benchmarks.crowd N` is one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+from benchmarks.scaling import BASE, GOAL, resident
+from reference.case import load_case
+from reference.fast.stepper import advance_fast
+from reference.fast.threads import most_threads
+from reference.ledger import empty_ledger
+from reference.process import build_setup
+from reference.schemes import Numerics
+from reference.simulation import LEAST_STEPS
+from reference.state import Setup
+from reference.timestep import DONE, LEDGER_FULL, P, new_progress
+
+SIZES = (1_000, 10_000, 100_000, 1_000_000)
+CALLS = 3  # measured, after the first
+ROWS = 1 << 16
+
+
+def crowd(count: int) -> Setup:
+    """`polish_pair` with `count` particles at its density."""
+    case = load_case("polish_pair")
+    assert case.particles is not None
+    assert case.surface.nodes is not None
+    nodes = round(case.surface.nodes * math.sqrt(count / case.particles.count))
+    spacing = case.surface.size / case.surface.nodes
+    return build_setup(
+        case.replaced({"particles.count": count, "surface.nodes": nodes, "surface.size": spacing * nodes})
+    )
+
+
+def one_size(count: int) -> dict[str, Any]:
+    """Seconds of a particle-step, bytes that the steps needed at most, and a digest of where they led to."""
+    setup = crowd(count)
+    state, before = setup.state, resident("VmRSS")
+    numerics = Numerics(setup.time_step, False, 1e-6, 8, False, False, setup.case.numerics.ledger_speed)
+    scalars, rows = new_progress(), empty_ledger(ROWS)
+    scalars[P.step], scalars[P.pad_height] = setup.time_step, state.pad_height
+    steps, times = LEAST_STEPS, []
+    for call in range(1 + CALLS):
+        begin, end = perf_counter(), (call + 1) * steps
+        while scalars[P.steps] < end:
+            status = advance_fast(
+                setup.model, numerics, scalars, end * setup.time_step, int(end - scalars[P.steps]),
+                state.particles, state.heights, rows,
+            )  # fmt: skip
+            if status == LEDGER_FULL and scalars[P.rows] == 0:
+                rows = empty_ledger(2 * len(rows))
+            elif status not in (DONE, LEDGER_FULL):
+                raise RuntimeError(f"status {status} at step {scalars[P.steps]:.0f}")
+            scalars[P.rows] = 0
+        times.append((perf_counter() - begin) / steps / count)
+    digest = hashlib.sha256(state.position.tobytes() + state.velocity.tobytes() + state.heights.tobytes())
+    return {
+        "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
+        "contacts": scalars[P.contacts] / scalars[P.steps] / count, "digest": digest.hexdigest(),
+    }  # fmt: skip
+
+
+def measure(quick: bool) -> dict[str, Any]:
+    """`crowd`: for each N and number of threads seconds of a particle-step; whether all ended the same."""
+    runs = []
+    for threads in sorted({1, most_threads()}):
+        for count in SIZES[:-2] if quick else SIZES:
+            done = subprocess.run(
+                [sys.executable, "-m", "benchmarks.crowd", str(count)], capture_output=True, text=True,
+                cwd=Path(__file__).parents[1], check=True, stdin=subprocess.DEVNULL,
+                env=os.environ | {"NUMBA_NUM_THREADS": str(threads)},
+            )  # fmt: skip
+            runs.append(json.loads(done.stdout) | {"threads": threads})
+            print(runs[-1], flush=True)
+    alone = [one["s"] for one in runs if one["threads"] == 1 and one["N"] >= BASE]
+    ends = {(one["N"], one["digest"]) for one in runs}
+    return {
+        "crowd": {
+            "runs": runs, "spread": max(alone) / min(alone), "same_to_the_bit": len(ends) == len(runs) / 2
+            if most_threads() > 1 else None, "bytes_per_particle": runs[-1]["bytes"] / runs[-1]["N"],
+        }
+    }  # fmt: skip
+
+
+def lines(results: dict[str, Any]) -> list[str]:
+    """The section of the page."""
+    found = results["crowd"]
+    by_size: dict[int, dict[int, float]] = {}
+    for one in found["runs"]:
+        by_size.setdefault(one["N"], {})[one["threads"]] = one["s"]
+    threads = sorted({one["threads"] for one in found["runs"]})
+    same = {True: "All numbers of threads led to the same bits.", None: "There was one core only.",
+            False: "**Numbers of threads led to different bits.**"}[found["same_to_the_bit"]]  # fmt: skip
+    base = by_size[min(by_size, key=lambda n: abs(n - BASE))][1]
+    text = [
+        "`polish_pair` with more particles at the same density: pairs, drag, surface, pad and removal; the "
+        "fast stepper, with what each call of it takes to begin. "
+        f"In one thread the cost of a particle-step varies by a factor of {found['spread']:.2f} from "
+        f"N = {BASE} on (goal: {GOAL:g} at most). {same} "
+        f"Memory: {found['bytes_per_particle']:.0f} bytes per particle, surface and ledger included.",
+        "",
+        "| N | " + " | ".join(f"ns per particle-step, {k} thread{'s' * (k > 1)}" for k in threads)
+        + f" | over that at N = {BASE} | threads: times as fast |",
+        "|---:|" + "---:|" * (len(threads) + 2),
+    ]  # fmt: skip
+    for n, cost in sorted(by_size.items()):
+        columns = " | ".join(f"{1e9 * cost[k]:.1f}" for k in threads)
+        text.append(f"| {n} | {columns} | {cost[1] / base:.2f} | {cost[1] / cost[threads[-1]]:.2f} |")
+    return text
+
+
+if __name__ == "__main__":
+    print(json.dumps(one_size(int(sys.argv[1]))))

@@ -1,0 +1,318 @@
+"""What is done for one particle in a step of the fast stepper's loop for many, and what is known of it.
+
+Which particles come when, and in which order what they do to each other is added up, is decided in `many.py`.
+The loop for few (`few.py`) has the same steps written in its own scalars, which is a quarter faster there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from reference import ledger as col
+from reference.collisions import drag_on
+from reference.compiled import formula, inlined, kernel
+from reference.contact import surface_normal_impulse
+from reference.fast.events import bounce, strike
+from reference.fast.near import fastest
+from reference.fast.swarm import adapt
+from reference.fast.watch import (
+    AHEAD,
+    HORIZON,
+    MARGIN,
+    MOST_CLOSE,
+    SAFETY,
+    look,
+    look_closely,
+    velocity_box,
+)
+from reference.schemes import solve_particle
+from reference.state import DEPOSIT_NONE, FLOW_COUETTE
+from reference.timestep import DONE, NOT_CONVERGED, NOT_FINITE, wrap
+
+
+class Known(NamedTuple):
+    """What is known of a particle, one row of numbers: these are their columns."""
+
+    x_low: int = 0  # the box: lowest and highest velocity along x, y and z, m/s
+    x_high: int = 1
+    y_low: int = 2
+    y_high: int = 3
+    z_low: int = 4
+    z_high: int = 5
+    renewed: int = 6  # step until which the box may be used again
+    until: int = 7  # step until which no triangle but the close ones can be touched
+    looked: int = 8  # step in which the close triangles were found
+    looked_x: int = 9  # and where, m
+    looked_y: int = 10
+
+
+K = Known()
+COLUMNS = 16  # of such a row: two cache lines
+
+
+class Watch(NamedTuple):
+    """When each of N particles is looked at, and what is known of it."""
+
+    due: np.ndarray  # (N,), step in which it is looked at
+    known: np.ndarray  # (N, COLUMNS), see `Known`
+    pace: np.ndarray  # (N,), highest speed in the box, relative to the mean of all, m/s
+    nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
+    close: np.ndarray  # (N, MOST_CLOSE, 3), squares and sides of triangles that may be touched soon
+    number: np.ndarray  # (N,), how many
+    changed: np.ndarray  # (nx, ny), step of the last removal near a square
+
+
+@kernel
+def know_all(n, shape):
+    """All particles are looked at in step 0; the surface has squares of this `shape`."""
+    return Watch(
+        np.zeros(n, np.int64), np.zeros((n, COLUMNS)), np.zeros(n), np.zeros(n, np.bool_),
+        np.zeros((n, MOST_CLOSE, 3), np.int32), np.zeros(n, np.int64), np.full(shape, -1),
+    )  # fmt: skip
+
+
+class Fixed(NamedTuple):
+    """What stays the same for all steps of a call, SI."""
+
+    dt: float  # s
+    half_x: float  # half of the period, m; infinite where not periodic
+    half_y: float
+    half_z: float
+    margin: float  # by which a box of velocities is wider than it must be, m/s
+    slip_limit: float  # (mu/rho)^2: Re <= 1 where (d |u - v|)^2 is not above it, m4/s2
+    flow_x: float  # of a uniform flow, m/s; 0 in a Couette flow, which is added by its shear
+    flow_y: float
+    flow_z: float
+    remarkable: float  # m/s, approach from which an impact on the surface removes or has a ledger row
+    way: float  # AHEAD steps, s
+    per_spacing: float  # one over the spacing of the nodes, 1/m
+    around: float  # m, within which a particle may move for the map of the surface's maxima to hold
+
+
+@formula
+def fastest_flow(model):
+    """The largest speed of the fluid, m/s."""
+    return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
+
+
+@formula
+def half_period(length):
+    """Half of a period, m; infinite where there is none."""
+    return 0.5 * length if length > 0.0 else math.inf
+
+
+@kernel
+def fixed_of(model, numerics, dt, largest, mapped_within):
+    """`Fixed` for steps of `dt` and a map of the surface that looks `mapped_within` (m) around."""
+    couette = model.flow == FLOW_COUETTE
+    remarkable = numerics.ledger_speed
+    if model.deposit != DEPOSIT_NONE:
+        remarkable = min(remarkable, model.threshold_velocity)
+    return Fixed(
+        dt, half_period(model.length_x), half_period(model.length_y), half_period(model.length_z),
+        MARGIN * fastest_flow(model),
+        (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf,
+        0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
+        remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
+        SAFETY * mapped_within - 0.5 * largest,
+    )  # fmt: skip
+
+
+@inlined
+def shear_of(model, pad_height):
+    """Shear rate of a Couette flow under a pad or over its gap, 1/s; 0 in another flow."""
+    if model.flow != FLOW_COUETTE:
+        return 0.0
+    return model.wall_speed / (pad_height if model.has_pad else model.gap)
+
+
+@inlined
+def pace_of(known, i, mean_x, mean_y):
+    """The highest speed in the box of particle i, relative to a mean, m/s."""
+    return fastest(
+        known[i, K.x_low], known[i, K.x_high], known[i, K.y_low], known[i, K.y_high], known[i, K.z_low],
+        known[i, K.z_high], mean_x, mean_y,
+    )  # fmt: skip
+
+
+@inlined
+def in_box(known, i, vx, vy, vz):
+    """Whether a velocity of particle i is within its box."""
+    inside = (known[i, K.x_low] <= vx) & (vx <= known[i, K.x_high])
+    inside &= (known[i, K.y_low] <= vy) & (vy <= known[i, K.y_high])
+    return inside & (known[i, K.z_low] <= vz) & (vz <= known[i, K.z_high])
+
+
+@inlined
+def accelerate_alone(model, s, i, pad_height):
+    """E/m of particle i, whose drag may not be linear: what `sweep.accelerate` is for all others."""
+    ex, ey, ez = drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
+    s.ax[i], s.ay[i], s.az[i] = ex / s.mass[i], ey / s.mass[i], ez / s.mass[i]
+
+
+@inlined
+def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
+    """Give particle i a new box; return 1, -1 or 0: how many more may have drag that is not linear."""
+    known = w.known
+    x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
+        model, fixed.dt, pad_height, fixed.margin, s.drag[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
+    )
+    known[i, K.x_low], known[i, K.x_high], known[i, K.y_low] = x_low, x_high, y_low
+    known[i, K.y_high], known[i, K.z_low], known[i, K.z_high] = y_high, z_low, z_high
+    known[i, K.renewed] = step + HORIZON - AHEAD - 1
+    w.pace[i] = pace_of(known, i, mean_x, mean_y)
+    over = 4.0 * s.radius[i] * s.radius[i] * slip > fixed.slip_limit
+    # nor can the sweep wrap a particle that crosses the box in one step
+    over = over or fixed.dt * max(x_high, -x_low, y_high, -y_low) >= 2.0 * min(fixed.half_x, fixed.half_y)
+    over = over or fixed.dt * max(z_high, -z_low) >= 2.0 * fixed.half_z
+    before = w.nonlinear[i]
+    w.nonlinear[i] = over
+    if over:
+        accelerate_alone(model, s, i, pad_height)
+    return int(over) - int(before)
+
+
+@inlined
+def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
+    """Look for the surface around particle i: (touching, nx, ny, nz, qx, qy, qz, steps), see `watch.look`.
+
+    `above` is the map of the surface's maxima; `same_box` says that the box is that of the last look.
+    """
+    known, close, number, changed = w.known, w.close, w.number, w.changed
+    x, y, z, radius = s.x[i], s.y[i], s.z[i], s.radius[i]
+    x_low, x_high, y_low = known[i, K.x_low], known[i, K.x_high], known[i, K.y_low]
+    y_high, z_low, z_high = known[i, K.y_high], known[i, K.z_low], known[i, K.z_high]
+    a = min(int(x * fixed.per_spacing), changed.shape[0] - 1)
+    b = min(int(y * fixed.per_spacing), changed.shape[1] - 1)
+    clear = z - radius + fixed.way * min(z_low, 0.0) >= above[a, b]
+    clear = clear and fixed.way * max(x_high, -x_low, y_high, -y_low) <= fixed.around
+    again = same_box and step <= known[i, K.until] and changed[a, b] < known[i, K.looked]
+    again = again and abs(x - known[i, K.looked_x]) < fixed.half_x
+    again = again and abs(y - known[i, K.looked_y]) < fixed.half_y
+    touching, steps = False, AHEAD
+    nx, ny, nz, qx, qy, qz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if clear:
+        known[i, K.until] = -1.0
+    elif again:
+        touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
+            heights, model.spacing, fixed.dt, i, x, y, z, radius,
+            x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
+        )  # fmt: skip
+        steps = min(steps, int(known[i, K.until]) - step)
+    else:
+        touching, nx, ny, nz, qx, qy, qz, steps, others = look(
+            heights, model.spacing, fixed.dt, i, x, y, z, radius,
+            x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
+        )  # fmt: skip
+        known[i, K.until], known[i, K.looked] = step + others, step
+        known[i, K.looked_x], known[i, K.looked_y] = x, y
+    return touching, nx, ny, nz, qx, qy, qz, steps
+
+
+@inlined
+def hit_surface(
+    model, numerics, fixed, s, scratch, heights, i, time, pad_height, closing, nx, ny, nz, qx, qy,
+    qz, rows, row,
+):  # fmt: skip
+    """Have the surface push particle i, which comes down at `closing`: (next free row, duration in s)."""
+    if closing >= fixed.remarkable:
+        strike(
+            model, fixed.dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), s.x[i], s.y[i], s.z[i],
+            s.vx[i], s.vy[i], s.vz[i], s.mass[i], s.radius[i], s.modulus[i], heights, scratch.position,
+            scratch.velocity, rows, row,
+        )  # fmt: skip
+        normal, lasting = rows[row, col.NORMAL_IMPULSE], rows[row, col.DURATION]
+        removes = rows[row, col.REMOVED_VOLUME] > 0.0
+        if removes and model.mass_pickup:
+            scratch.gained[i] = rows[row, col.REMOVED_MASS]
+        if removes or closing >= numerics.ledger_speed:
+            row += 1
+    else:
+        normal, lasting = bounce(
+            model,
+            fixed.dt,
+            s.mass[i],
+            s.radius[i],
+            s.modulus[i],
+            closing,
+            s.ax[i] * nx + s.ay[i] * ny + s.az[i] * nz,
+        )
+    s.jx[i] += normal * nx
+    s.jy[i] += normal * ny
+    s.jz[i] += normal * nz
+    return row, lasting
+
+
+@inlined
+def depart(
+    model, fixed, shear, pad_height, descent, mass, radius, gained, nonlinear, z, vx, vy, vz, jx, jy, jz
+):  # fmt: skip
+    """Velocity of a particle after its contacts, before the drag: (meets the pad, special, v, J_z).
+
+    A special one, whose drag may not be linear or that gains mass, is solved by `solve_special` afterwards.
+    """
+    meets = False
+    if model.has_pad:
+        meets = (z + radius > pad_height) & (vz + descent > 0.0)
+        push = surface_normal_impulse(mass, -(vz + descent), model.pad_restitution)
+        jz -= push if meets else 0.0
+    per_mass = 1.0 / mass
+    wx, wy, wz = vx + jx * per_mass, vy + jy * per_mass, vz + jz * per_mass
+    # the contacts may have made it so fast that its drag is not linear, at either end of its way
+    here, there = fixed.flow_x + shear * z - wx, fixed.flow_x + shear * (z + fixed.dt * wz) - wx
+    slip = max(here * here, there * there) + (fixed.flow_y - wy) ** 2 + (fixed.flow_z - wz) ** 2
+    special = gained > 0.0 or nonlinear or 4.0 * radius * radius * slip > fixed.slip_limit
+    return meets, special, wx, wy, wz, jz
+
+
+@inlined
+def keep(s, special, kept, k, i):
+    """Have particle i solved by itself, as number k, from where it is now."""
+    special[k] = i
+    kept[k, 0], kept[k, 1], kept[k, 2] = s.x[i], s.y[i], s.z[i]
+    kept[k, 3], kept[k, 4], kept[k, 5] = s.vx[i], s.vy[i], s.vz[i]
+
+
+@inlined
+def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_height, descent):
+    """Solve particle i, the special one number k, by itself; return a status.
+
+    One that is `untouched` has not received the impulse of the pad yet.
+    """
+    kept, gained, mass = scratch.kept, scratch.gained, s.mass
+    pushed = 0.0
+    if untouched and model.has_pad and kept[k, 2] + s.radius[i] > pad_height:
+        pushed = surface_normal_impulse(mass[i], -(kept[k, 5] + descent), model.pad_restitution)
+    wx, wy, wz, _, _, _, solved = solve_particle(
+        model, numerics.tolerance, fixed.dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],
+        mass[i], gained[i], s.jx[i], s.jy[i], s.jz[i] - pushed, 2.0 * s.radius[i],
+    )  # fmt: skip
+    if gained[i] > 0.0:
+        mass[i] += gained[i]
+        adapt(s, fixed.dt, i)
+        gained[i] = 0.0
+    s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
+    s.x[i] = wrap(kept[k, 0] + fixed.dt * wx, model.length_x)
+    s.y[i] = wrap(kept[k, 1] + fixed.dt * wy, model.length_y)
+    s.z[i] = wrap(kept[k, 2] + fixed.dt * wz, model.length_z)
+    if not math.isfinite(wx + wy + wz):
+        return NOT_FINITE
+    return DONE if solved else NOT_CONVERGED
+
+
+@inlined
+def wrap_thrown(model, s, i):
+    """Wrap particle i, which its contacts have thrown out of its box; return a status."""
+    s.x[i], s.y[i] = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y)
+    s.z[i] = wrap(s.z[i], model.length_z)
+    finite = math.isfinite(s.x[i] + s.y[i] + s.z[i] + s.vx[i] + s.vy[i] + s.vz[i])
+    return DONE if finite else NOT_FINITE
+
+
+@inlined
+def speed_apart(vx, vy, vz, mean_x, mean_y):
+    """Speed relative to a mean, m/s."""
+    return math.sqrt((vx - mean_x) ** 2 + (vy - mean_y) ** 2 + vz**2)

@@ -1,0 +1,73 @@
+"""How the loops over many particles are shared out among threads, and memory asked for ahead of its use.
+
+The pieces of a loop are the same however many threads take them, and what they find is put together in
+their order: the result does not depend on the number of threads.  No physics here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from reference.compiled import inlined
+
+PIECE = 512  # particles
+PAIRS = 2048  # pairs
+
+# The body of such a loop is one call of piecework: what it assigned by itself to an array of a named tuple
+# would be lost.
+threaded = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
+# what a thread does with one piece; no array is made in it, so that no references need be counted
+piecework = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+
+
+def most_threads() -> int:
+    """How many threads there can be: those of the machine, or NUMBA_NUM_THREADS."""
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
+def use_threads(count: int) -> None:
+    """Share out loops over many particles among `count` threads; ValueError if there are not as many."""
+    if not 1 <= count <= most_threads():
+        raise ValueError(f"{count} threads; allowed: 1 to {most_threads()}")
+    numba.set_num_threads(count)
+
+
+@inlined
+def pieces_of(count, size):
+    """How many pieces of `size` make up `count`."""
+    return (count + size - 1) // size
+
+
+if numba.config.DISABLE_JIT:
+
+    def prefetch(array: Any, index: Any) -> None:
+        """Without the JIT nothing is asked for ahead."""
+
+else:
+
+    @intrinsic
+    def prefetch(typingctx: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+        """Ask for the memory of array[index, 0, ...] without waiting for it."""
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            kind = signature.args[0]
+            found = context.make_array(kind)(context, builder, args[0])
+            strides = cgutils.unpack_tuple(builder, found.strides, kind.ndim)
+            offset = builder.mul(args[1], strides[0])
+            byte = ir.IntType(8).as_pointer()
+            address = builder.gep(builder.bitcast(found.data, byte), [offset])
+            i32 = ir.IntType(32)
+            function = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(ir.VoidType(), [byte, i32, i32, i32]), "llvm.prefetch"
+            )
+            builder.call(function, [address, i32(0), i32(3), i32(1)])
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp), codegen

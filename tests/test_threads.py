@@ -1,0 +1,84 @@
+"""The fast stepper with as many particles as are shared out among threads: several pieces of each loop."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from test_fast import EPS, apart, nudged, shortened, sorted_ledger, with_stepper
+
+from reference.case import load_case
+from reference.fast.stepper import MANY
+from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
+from reference.simulation import simulate_setup
+from reference.state import Setup
+from reference.timestep import ROUNDINGS
+
+COUNT, STEPS = 5000, 200
+SPACING = 0.5e-6  # of the nodes, m
+
+
+def crowd() -> Setup:
+    """The layer of `polish_pair` with more particles, under a pad so low that many touch it."""
+    case = load_case("polish_pair")
+    size = case.surface.size * np.sqrt(COUNT / case.particles.count)
+    nodes = round(size / SPACING)
+    changes = {
+        "particles": {"count": COUNT}, "pad": {"initial_height": 1.25e-6},
+        "surface": {"size": nodes * SPACING, "nodes": nodes}, "numerics": {"tolerance": 1e-15},
+    }  # fmt: skip
+    return shortened(case.replaced(changes), STEPS)
+
+
+def test_many_particles_follow_the_answer_key_to_round_off():
+    """The bound is that of `test_fast.py`; here each loop has several pieces."""
+    setup = crowd()
+    assert COUNT >= MANY
+    assert COUNT > 4 * PIECE
+    plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))
+    period, grown = setup.model.length_x, 2 * ROUNDINGS * STEPS
+    bound_x = grown * max(apart(plain.positions, twin.positions, period), EPS * period)
+    bound_v = grown * max(apart(plain.velocities, twin.velocities), EPS * np.abs(plain.velocities).max())
+    assert bound_x < 1e-3 * setup.state.diameter.min()
+    assert apart(fast.positions, plain.positions, period) <= bound_x
+    assert apart(fast.velocities, plain.velocities) <= bound_v
+    assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1] > PAIRS
+    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > PIECE
+    ours, theirs = sorted_ledger(fast), sorted_ledger(plain)
+    for column in ("kind", "i", "j"):
+        assert (ours[column] == theirs[column]).all()
+
+
+DIGEST = """
+import hashlib, sys
+sys.path.insert(0, "tests")
+from test_fast import with_stepper
+from test_threads import crowd
+from pandas.util import hash_pandas_object
+from reference.simulation import simulate_setup
+run = simulate_setup(with_stepper(crowd(), "fast"))
+ledger = hash_pandas_object(run.contacts).to_numpy()
+found = b"".join(a.tobytes() for a in (run.positions, run.velocities, run.masses, run.surface.z, ledger))
+print(len(ledger), hashlib.sha256(found).hexdigest())
+"""
+
+
+def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
+    found = set()
+    for threads in (1, 2, 3, 7):
+        done = subprocess.run(
+            [sys.executable, "-c", DIGEST], env=os.environ | {"NUMBA_NUM_THREADS": str(threads)},
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        found.add(done.stdout)
+    assert len(found) == 1
+
+
+def test_threads_that_the_machine_does_not_have_are_refused():
+    with pytest.raises(ValueError, match=f"allowed: 1 to {most_threads()}"):
+        use_threads(most_threads() + 1)
+    with pytest.raises(ValueError, match="allowed: 1 to"):
+        use_threads(0)
