@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks.scaling import BASE, GOAL, resident
 from reference.case import load_case
-from reference.fast.stepper import advance_fast
+from reference.fast.stepper import MANY, advance_fast
 from reference.fast.threads import most_threads
 from reference.ledger import empty_ledger
 from reference.process import build_setup
@@ -30,7 +30,7 @@ from reference.state import Setup
 from reference.timestep import DONE, LEDGER_FULL, P, new_progress
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
-CALLS = 3  # measured, after the first
+CALLS = 2  # measured, after the first
 ROWS = 1 << 16
 
 
@@ -108,7 +108,7 @@ def lines(results: dict[str, Any]) -> list[str]:
     base = by_size[min(by_size, key=lambda n: abs(n - BASE))][1]
     text = [
         "`polish_pair` with more particles at the same density: pairs, drag, surface, pad and removal; the "
-        "fast stepper, with what each call of it takes to begin. "
+        f"fast stepper, below N = {MANY} its loop for few, with what each call of it takes to begin. "
         f"In one thread the cost of a particle-step varies by a factor of {found['spread']:.2f} from "
         f"N = {BASE} on (goal: {GOAL:g} at most). {same} "
         f"Memory: {found['bytes_per_particle']:.0f} bytes per particle, surface and ledger included.",

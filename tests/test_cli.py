@@ -191,6 +191,13 @@ def test_two_runs_of_one_case_are_equal_to_the_byte(here):
         assert first == second, name
 
 
+def test_threads_that_there_are_not_are_refused(here):
+    assert "--threads: 0 threads; allowed: 1 to " in complaint("run", "drag_relaxation", "--threads", 0)
+    beside = complaint("run", "drag_relaxation", "--engine", "lammps", "--threads", 1)
+    assert "--threads: lammps takes none from here; allowed: with the reference" in beside
+    assert call("run", "drag_relaxation", "--threads", 1).exit_code == 0
+
+
 def test_run_refuses_an_existing_run_folder_without_force(here):
     call("run", "drag_relaxation")
     before = Path("runs/drag_relaxation/provenance.json").stat().st_mtime_ns
