@@ -21,7 +21,7 @@ from reference.collisions import (
 from reference.compiled import inlined, kernel
 from reference.contact import compression_impulse, effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
-from reference.timestep import P
+from reference.timestep import P, wrap
 
 
 @kernel
@@ -40,7 +40,8 @@ def record_pair(model, dt, time, pad_height, s, i, j, out):
         model, dt, s.mass[i], s.mass[j], 2.0 * s.radius[i], 2.0 * s.radius[j],
         effective_modulus(s.modulus[i], s.modulus[j]), (nx, ny, nz), (vx, vy, vz), separation, on_i, on_j,
     )  # fmt: skip
-    touch = (s.x[i] + s.radius[i] * nx, s.y[i] + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
+    x, y = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y)
+    touch = (x + s.radius[i] * nx, y + s.radius[i] * ny, s.z[i] + s.radius[i] * nz)
     record_pair_contact(
         time, i, j, touch, (nx, ny, nz), -separation, normal, friction, lost, duration, within, external, out
     )
@@ -58,7 +59,8 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows,
         out = rows[row]
         out[:] = 0.0
         out[col.TIME], out[col.KIND], out[col.I], out[col.J] = time, col.KIND_PAD, i, -1
-        out[col.X], out[col.Y], out[col.Z], out[col.NZ] = s.x[i], s.y[i], pad_height, -1.0
+        out[col.X], out[col.Y] = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y)
+        out[col.Z], out[col.NZ] = pad_height, -1.0
         out[col.APPROACH_SPEED], out[col.NORMAL_IMPULSE] = approach, normal
         out[col.ENERGY_LOST] = impact_energy_lost(s.mass[i], 0.0, velocity, -velocity[2], normal)
         row += 1

@@ -13,14 +13,15 @@ import numba
 import numpy as np
 
 from reference import ledger as col
-from reference.collisions import commit_removal
 from reference.compiled import inlined, kernel
 from reference.contact import surface_normal_impulse
 from reference.fast.ceiling import REMAP, ceiling_over, highest_node, raise_ceiling
-from reference.fast.events import book_removals, bounce, mark, record_pad, record_pair, strike
+from reference.fast.events import bounce, record_pad, record_pair, strike, take_off
 from reference.fast.near import (
+    FACTS,
     NARROW,
     WIDE,
+    F,
     Origin,
     farthest,
     fastest,
@@ -29,27 +30,15 @@ from reference.fast.near import (
     lists_of,
     mean,
     nearest_image,
+    settle,
 )
-from reference.fast.pairs import (
-    LANES,
-    B,
-    acceleration,
-    approach,
-    batch,
-    durations,
-    fill_up,
-    guess_durations,
-    impulses,
-)
-from reference.fast.swarm import adapt, bring_back, scratch_of, swarm_of
+from reference.fast.pairs import LANES, B, acceleration, batch, impulses_of_batch
+from reference.fast.particle import fastest_flow, half_period
+from reference.fast.swarm import ROW, A, adapt, bring_back, scratch_of, swarm_of, views
 from reference.fast.sweep import (
     fast_on_pad,
-    glide_along,
-    glide_sheared,
-    glide_under_pad,
-    glide_upright,
+    glide,
     highest_of,
-    wrap_upright,
 )
 from reference.fast.watch import (
     AHEAD,
@@ -69,11 +58,8 @@ from reference.state import DEPOSIT_NONE, FLOW_COUETTE
 from reference.timestep import DONE, LEDGER_FULL, NOT_CONVERGED, NOT_FINITE, SLOWEST, P, wrap
 
 RELIST = -1  # status: the wide list of pairs has to be made anew
-# Divisions by one number may share its reciprocal.  No array is made in the loop, so that no references need
-# be counted: that alone took a fifth of the time.
-loop = numba.njit(
-    cache=True, error_model="numpy", nogil=True, fastmath={"arcp", "contract", "nsz"}, _nrt=False
-)
+# No array is made in the loop, so that no references need be counted: that alone took a fifth of the time.
+loop = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
 
 
 class Run(NamedTuple):
@@ -89,6 +75,7 @@ class Run(NamedTuple):
     nonlinear: int = 7  # particles whose drag may not be linear
     fresh: int = 8  # 1 where the wide list has just been made
     mapped: int = 9  # step in which the map of the surface's maxima was made
+    gone: int = 10  # how far a particle may have gone since positions were wrapped, m
 
 
 R = Run()
@@ -104,13 +91,13 @@ def advance_few(model, numerics, progress, t_end, steps_left, p, heights, rows):
     s, w = swarm_of(model, dt, p, order), watch_all(n, heights.shape)
     periods = np.array([model.length_x, model.length_y, model.length_z])
     largest = p.diameter.max() if n > 0 else 0.0
-    fastest_flow = max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
-    ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + (1.0 + MARGIN) * AHEAD * dt * fastest_flow)
+    way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
+    ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
     origin = Origin(np.empty(n), np.empty(n), np.empty(n))
     lists = lists_of(np.empty((0, 2), np.int64))
     scratch = scratch_of(n, batch())
     run = np.zeros(len(R))
-    run[R.left], run[R.spent] = -1.0, math.inf
+    run[R.left], run[R.spent], run[R.gone] = -1.0, math.inf, math.inf
     while True:
         status = march(
             model, numerics, progress, t_start, dt, steps_left, largest, periods, s, w, origin, lists,
@@ -120,16 +107,26 @@ def advance_few(model, numerics, progress, t_end, steps_left, p, heights, rows):
             break
         lists = lists_of(list_wide(s, largest, periods, origin))
         run[R.spent], run[R.fresh] = 0.0, 1.0
-    bring_back(s, p, order)
+    bring_back(model, s, p, order)
     return status
 
 
 @inlined
-def keep(special, kept, k, i, x, y, z, vx, vy, vz):
+def acceleration_of(model, nonlinear, shear, pad_height, flat, i):
+    """`pairs.acceleration` of particle i."""
+    return acceleration(
+        model, nonlinear, shear, pad_height, flat[A.rate + i], flat[A.mass + i], flat[A.radius + i],
+        flat[A.z + i], flat[A.vx + i], flat[A.vy + i], flat[A.vz + i],
+    )  # fmt: skip
+
+
+@inlined
+def keep(special, kept, k, i, flat):
     """Have particle i solved by itself, as number k, from where it is now."""
     special[k] = i
-    kept[k, 0], kept[k, 1], kept[k, 2] = x[i], y[i], z[i]
-    kept[k, 3], kept[k, 4], kept[k, 5] = vx[i], vy[i], vz[i]
+    kept[k, 0], kept[k, 1], kept[k, 2] = flat[A.x + i], flat[A.y + i], flat[A.z + i]
+    kept[k, 3], kept[k, 4], kept[k, 5] = flat[A.vx + i], flat[A.vy + i], flat[A.vz + i]
+    kept[k, 6], kept[k, 7], kept[k, 8] = flat[A.jx + i], flat[A.jy + i], flat[A.jz + i]
 
 
 @loop
@@ -142,33 +139,35 @@ def march(
     No array is made here: Numba would count references to it at every step.
     """
     n = scratch.special.shape[0]
-    x, y, z, vx, vy, vz, mass, radius = s.x, s.y, s.z, s.vx, s.vy, s.vz, s.mass, s.radius
-    drag, rate, yielding, under_pad, jx, jy, jz = s.drag, s.rate, s.yielding, s.under_pad, s.jx, s.jy, s.jz
-    due, after, before, first, box, pace = w.due, w.after, w.before, w.first, w.box, w.pace
+    flat = s.flat
+    f = views(flat, ROW, s.x.size)
+    due, after, before, first = w.due, w.after, w.before, w.first
     renewed, nonlinear, close, number = w.renewed, w.nonlinear, w.close, w.number
-    until, looked, changed, looked_x, looked_y = w.until, w.looked, w.changed, w.looked_x, w.looked_y
-    narrow, reach, rigid = lists.narrow, lists.reach, lists.rigid
+    until, looked, changed = w.until, w.looked, w.changed
+    narrow, facts = lists.narrow, lists.facts
     meeting, c, bits = scratch.meeting, scratch.batch, scratch.bits
-    touched, touch_step, special = scratch.touched, scratch.touch_step, scratch.special
-    gained, kept = scratch.gained, scratch.kept
+    touched, touch_step = scratch.touched, scratch.touch_step
+    thrown, special = scratch.thrown, scratch.special
+    kept = scratch.kept
     position, velocity = scratch.position, scratch.velocity
-    half_x = 0.5 * model.length_x if model.length_x > 0.0 else math.inf
-    half_y = 0.5 * model.length_y if model.length_y > 0.0 else math.inf
-    half_z = 0.5 * model.length_z if model.length_z > 0.0 else math.inf
+    per_spacing = 1.0 / model.spacing if model.has_surface else 0.0
+    half_x, half_y, half_z = (
+        half_period(model.length_x), half_period(model.length_y), half_period(model.length_z)
+    )  # fmt: skip
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
     skin = NARROW * largest
     room = WIDE * largest - skin
     left, spent, speed = run[R.left], run[R.spent], run[R.speed]
     mean_x, mean_y, near = run[R.mean_x], run[R.mean_y], int(run[R.near])
-    some_nonlinear, fresh = int(run[R.nonlinear]), run[R.fresh] > 0.0
+    some_nonlinear, fresh, gone = int(run[R.nonlinear]), run[R.fresh] > 0.0, run[R.gone]
+    drift = math.hypot(mean_x, mean_y)
     pairs = model.has_pairs and n > 1
-    margin = MARGIN * max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
+    margin = MARGIN * fastest_flow(model)
     couette = model.flow == FLOW_COUETTE
     flow_x, flow_y, flow_z = (0.0, 0.0, 0.0) if couette else (model.flow_x, model.flow_y, model.flow_z)
     slip_limit = (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf
-    crossing = min(2.0 * half_x, 2.0 * half_y)
-    crossing_z = 2.0 * half_z
+    quarter = 0.5 * min(half_x, half_y)
     remarkable = numerics.ledger_speed  # speed from which an impact removes or is noted
     if model.deposit != DEPOSIT_NONE:
         remarkable = min(remarkable, model.threshold_velocity)
@@ -185,8 +184,9 @@ def march(
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
         if couette:
             shear = model.wall_speed / (pad_height if model.has_pad else model.gap)
-        if pairs and (fresh or left < 2.0 * dt * speed):
-            if not fresh:
+        if fresh or (pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
+            settle(s, 0, n, periods)
+            if pairs and not fresh:
                 spent += skin - left + 2.0 * dt * speed
                 if spent > room and spent < math.inf:
                     spent = 2.0 * farthest(s, origin, periods)
@@ -194,96 +194,101 @@ def march(
                     status = RELIST
                     break
             if fresh:
-                mean_x, mean_y = mean(vx, n), mean(vy, n)
+                mean_x, mean_y = mean(f.vx, n), mean(f.vy, n)
+                drift = math.hypot(mean_x, mean_y)
                 for i in range(n):
-                    pace[i] = fastest(
-                        box[i, 0], box[i, 1], box[i, 2], box[i, 3], box[i, 4], box[i, 5], mean_x, mean_y
-                    )
+                    flat[A.pace + i] = fastest(
+                        flat[A.x_low + i], flat[A.x_high + i], flat[A.y_low + i], flat[A.y_high + i],
+                        flat[A.z_low + i], flat[A.z_high + i], mean_x, mean_y,
+                    )  # fmt: skip
                 fresh = False
-            near = list_narrow_of(s, lists, skin, periods, 0, lists.reach.size)
-            left, speed = skin, highest_of(pace)
+            near = list_narrow_of(s, lists, skin, periods, 0, lists.narrow.size // 2)
+            left, gone, speed = skin, 0.0, highest_of(flat[A.pace : A.pace + n])
         else:
             left -= 2.0 * dt * speed
+            gone += dt * (speed + drift)
         if row + near + 2 * n > rows.shape[0]:
             status = LEDGER_FULL
             break
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), above, ceiling.across)
             mapped = step
-        n_touched, n_special, begin = 0, 0, row
+        n_touched, n_thrown, n_special, begin = 0, 0, 0, row
 
         # bounds for those whose time is up, and their contacts with the surface
-        i = first[step % HORIZON]
+        listed = first[step % HORIZON]
         first[step % HORIZON] = -1
-        while i >= 0:
-            following = after[i]
-            x_low, x_high, y_low = box[i, 0], box[i, 1], box[i, 2]
-            y_high, z_low, z_high = box[i, 3], box[i, 4], box[i, 5]
-            again = step < renewed[i] and x_low <= vx[i] and vx[i] <= x_high
-            again = again and y_low <= vy[i] and vy[i] <= y_high and z_low <= vz[i] and vz[i] <= z_high
+        while listed >= 0:
+            i = np.uint32(listed)
+            listed = after[i]
+            x, y, z = wrap(flat[A.x + i], model.length_x), wrap(flat[A.y + i], model.length_y), flat[A.z + i]
+            vx, vy, vz = flat[A.vx + i], flat[A.vy + i], flat[A.vz + i]
+            mass, radius, modulus = flat[A.mass + i], flat[A.radius + i], flat[A.modulus + i]
+            x_low, x_high, y_low = flat[A.x_low + i], flat[A.x_high + i], flat[A.y_low + i]
+            y_high, z_low, z_high = flat[A.y_high + i], flat[A.z_low + i], flat[A.z_high + i]
+            again = step < renewed[i] and x_low <= vx and vx <= x_high
+            again = again and y_low <= vy and vy <= y_high and z_low <= vz and vz <= z_high
             if not again:
                 x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
-                    model, dt, pad_height, margin, drag[i], z[i], vx[i], vy[i], vz[i]
+                    model, dt, pad_height, margin, flat[A.drag + i], z, vx, vy, vz
                 )
-                box[i, 0], box[i, 1], box[i, 2] = x_low, x_high, y_low
-                box[i, 3], box[i, 4], box[i, 5] = y_high, z_low, z_high
+                flat[A.x_low + i], flat[A.x_high + i], flat[A.y_low + i] = x_low, x_high, y_low
+                flat[A.y_high + i], flat[A.z_low + i], flat[A.z_high + i] = y_high, z_low, z_high
                 renewed[i] = step + HORIZON - AHEAD - 1
-                pace[i] = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
-                speed = max(speed, pace[i])
-                over = 4.0 * radius[i] * radius[i] * slip > slip_limit
+                flat[A.pace + i] = fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y)
+                speed = max(speed, flat[A.pace + i])
+                over = 4.0 * radius * radius * slip > slip_limit
                 # nor can the sweep wrap a particle that crosses the box in one step
-                over = over or dt * max(x_high, -x_low, y_high, -y_low) >= crossing
-                over = over or dt * max(z_high, -z_low) >= crossing_z
+                over = over or dt * max(z_high, -z_low) >= 2.0 * half_z
                 if over != nonlinear[i]:
                     nonlinear[i] = over
                     some_nonlinear += 1 if over else -1
             steps = AHEAD
             if model.has_surface:
-                a = min(int(x[i] / model.spacing), changed.shape[0] - 1)
-                b = min(int(y[i] / model.spacing), changed.shape[1] - 1)
-                clear = z[i] - radius[i] + way * min(z_low, 0.0) >= above[a, b]
+                a = min(int(x * per_spacing), changed.shape[0] - 1)
+                b = min(int(y * per_spacing), changed.shape[1] - 1)
+                clear = z - radius + way * min(z_low, 0.0) >= above[a, b]
                 clear = clear and way * max(x_high, -x_low, y_high, -y_low) <= around
                 again = again and step <= until[i] and changed[a, b] < looked[i]
+                again = again and abs(x - flat[A.looked_x + i]) < half_x
+                again = again and abs(y - flat[A.looked_y + i]) < half_y
                 touching = False
                 if clear:
                     until[i] = -1
-                elif again and abs(x[i] - looked_x[i]) < half_x and abs(y[i] - looked_y[i]) < half_y:
+                elif again:
                     touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
-                        heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
+                        heights, model.spacing, dt, i, x, y, z, radius,
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
                     )  # fmt: skip
                     steps = min(steps, until[i] - step)
                 else:
                     touching, nx, ny, nz, qx, qy, qz, steps, others = look(
-                        heights, model.spacing, dt, i, x[i], y[i], z[i], radius[i],
+                        heights, model.spacing, dt, i, x, y, z, radius,
                         x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
                     )  # fmt: skip
-                    until[i], looked[i], looked_x[i], looked_y[i] = step + others, step, x[i], y[i]
-                closing = -(vx[i] * nx + vy[i] * ny + vz[i] * nz) if touching else 0.0
+                    until[i], looked[i] = step + others, step
+                    flat[A.looked_x + i], flat[A.looked_y + i] = x, y
+                closing = -(vx * nx + vy * ny + vz * nz) if touching else 0.0
                 if closing > 0.0:
                     if closing >= remarkable:
                         strike(
-                            model, dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), x[i], y[i], z[i],
-                            vx[i], vy[i], vz[i], mass[i], radius[i], s.modulus[i], heights, position,
-                            velocity, rows, row,
+                            model, dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), x, y, z, vx, vy, vz,
+                            mass, radius, modulus, heights, position, velocity, rows, row,
                         )  # fmt: skip
                         normal, lasting = rows[row, col.NORMAL_IMPULSE], rows[row, col.DURATION]
                         removes = rows[row, col.REMOVED_VOLUME] > 0.0
                         if removes and model.mass_pickup:
-                            gained[i] = rows[row, col.REMOVED_MASS]
+                            flat[A.gained + i] = rows[row, col.REMOVED_MASS]
                         if removes or closing >= numerics.ledger_speed:
                             row += 1
                     else:
-                        ax, ay, az = acceleration(
-                            model, nonlinear[i], shear, pad_height, rate[i], mass[i], radius[i], z[i],
-                            vx[i], vy[i], vz[i],
-                        )  # fmt: skip
+                        ax, ay, az = acceleration_of(model, nonlinear[i], shear, pad_height, flat, i)
                         normal, lasting = bounce(
-                            model, dt, mass[i], radius[i], s.modulus[i], closing, ax * nx + ay * ny + az * nz
+                            model, dt, mass, radius, modulus, closing, ax * nx + ay * ny + az * nz
                         )
-                    jx[i] += normal * nx
-                    jy[i] += normal * ny
-                    jz[i] += normal * nz
+                    flat[A.jx + i] += normal * nx
+                    flat[A.jy + i] += normal * ny
+                    flat[A.jz + i] += normal * nz
                     contacts += 1
                     touch_step[i] = step
                     touched[n_touched] = i
@@ -291,7 +296,6 @@ def march(
                     if closing > SLOWEST:
                         longest = max(longest, lasting)
             insert(due, after, before, first, i, step + 1 + steps)
-            i = following
         struck = row
 
         # contacts of pairs, in batches
@@ -299,51 +303,41 @@ def march(
         while pair < near:
             met = 0
             while pair < near and met < LANES:  # without branches: whether two touch is hard to foretell
-                i, j = narrow[pair, 0], narrow[pair, 1]
-                dx = nearest_image(x[j] - x[i], model.length_x, half_x)
-                dy = nearest_image(y[j] - y[i], model.length_y, half_y)
-                dz = nearest_image(z[j] - z[i], model.length_z, half_z)
-                wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
+                q = np.uint32(pair)
+                i, j = narrow[2 * q], narrow[2 * q + 1]
+                dx = flat[A.x + j] - flat[A.x + i] + facts[FACTS * q + F.shift_x]
+                dy = flat[A.y + j] - flat[A.y + i] + facts[FACTS * q + F.shift_y]
+                dz = nearest_image(flat[A.z + j] - flat[A.z + i], model.length_z, half_z)
+                wx, wy = flat[A.vx + j] - flat[A.vx + i], flat[A.vy + j] - flat[A.vy + i]
+                wz = flat[A.vz + j] - flat[A.vz + i]
                 lane = np.uint32(met)
                 meeting[lane] = pair
                 c[B.nx + lane], c[B.ny + lane], c[B.nz + lane] = dx, dy, dz
                 c[B.vx + lane], c[B.vy + lane], c[B.vz + lane] = wx, wy, wz
-                touching = dx * dx + dy * dy + dz * dz < reach[pair]
+                touching = dx * dx + dy * dy + dz * dz < facts[FACTS * q + F.reach]
                 met += int(touching & (wx * dx + wy * dy + wz * dz < 0.0))
                 pair += 1
             if met == 0:
                 break
             for k in range(met):
-                i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
-                ax, ay, az = acceleration(
-                    model, nonlinear[i], shear, pad_height, rate[i], mass[i], radius[i], z[i],
-                    vx[i], vy[i], vz[i],
-                )  # fmt: skip
-                bx, by, bz = acceleration(
-                    model, nonlinear[j], shear, pad_height, rate[j], mass[j], radius[j], z[j],
-                    vx[j], vy[j], vz[j],
-                )  # fmt: skip
+                q = meeting[k]
+                i, j = narrow[2 * q], narrow[2 * q + 1]
+                ax, ay, az = acceleration_of(model, nonlinear[i], shear, pad_height, flat, i)
+                bx, by, bz = acceleration_of(model, nonlinear[j], shear, pad_height, flat, j)
                 c[B.ax + k], c[B.ay + k], c[B.az + k] = ax - bx, ay - by, az - bz
-                c[B.mass_i + k], c[B.mass_j + k], c[B.rigid + k] = mass[i], mass[j], rigid[meeting[k]]
-            lanes = fill_up(c, met)
-            approach(c, lanes)
-            if model.impact_duration > 0.0:
-                for k in range(lanes):
-                    c[B.duration + k] = model.impact_duration
-            else:
-                guess_durations(bits, lanes)
-                durations(c, lanes)
-            impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, dt)
+                c[B.mass_i + k], c[B.mass_j + k] = flat[A.mass + i], flat[A.mass + j]
+                c[B.rigid + k] = facts[FACTS * q + F.rigid]
+            impulses_of_batch(model, dt, c, bits, met)
             contacts += met
             for k in range(met):
-                i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
+                i, j = narrow[2 * meeting[k]], narrow[2 * meeting[k] + 1]
                 closing = -c[B.separation + k]
-                jx[i] += c[B.jx + k]
-                jy[i] += c[B.jy + k]
-                jz[i] += c[B.jz + k]
-                jx[j] -= c[B.jx + k]
-                jy[j] -= c[B.jy + k]
-                jz[j] -= c[B.jz + k]
+                flat[A.jx + i] += c[B.jx + k]
+                flat[A.jy + i] += c[B.jy + k]
+                flat[A.jz + i] += c[B.jz + k]
+                flat[A.jx + j] -= c[B.jx + k]
+                flat[A.jy + j] -= c[B.jy + k]
+                flat[A.jz + j] -= c[B.jz + k]
                 touched[n_touched] = i
                 n_touched += int(touch_step[i] != step)
                 touch_step[i] = step
@@ -357,61 +351,68 @@ def march(
                     row += 1
 
         # the pad, of those in contact; their velocities before drag
-        recorded = 0.0
+        recorded = 0
         if model.has_pad and numerics.ledger_speed <= speed + descent:
-            recorded = fast_on_pad(z, vz, radius, pad_height, descent, numerics.ledger_speed)
-        if recorded > 0.0:
+            recorded = fast_on_pad(f.z, f.vz, f.radius, pad_height, descent, numerics.ledger_speed)
+        if recorded > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row)
         for k in range(n_touched):
             i = touched[k]
+            z, vx, vy, vz = flat[A.z + i], flat[A.vx + i], flat[A.vy + i], flat[A.vz + i]
+            mass, radius = flat[A.mass + i], flat[A.radius + i]
             if model.has_pad:
-                under_pad[i] = -math.inf
-                meets = (z[i] + radius[i] > pad_height) & (vz[i] + descent > 0.0)
-                push = surface_normal_impulse(mass[i], -(vz[i] + descent), model.pad_restitution)
-                jz[i] -= push if meets else 0.0
+                flat[A.under_pad + i] = -math.inf
+                meets = (z + radius > pad_height) & (vz + descent > 0.0)
+                push = surface_normal_impulse(mass, -(vz + descent), model.pad_restitution)
+                flat[A.jz + i] -= push if meets else 0.0
                 contacts += int(meets)
-            per_mass = 1.0 / mass[i]
-            wx, wy, wz = vx[i] + jx[i] * per_mass, vy[i] + jy[i] * per_mass, vz[i] + jz[i] * per_mass
-            # the contacts may have made it so fast that its drag is not linear, at either end of its way
-            here, there = flow_x + shear * z[i] - wx, flow_x + shear * (z[i] + dt * wz) - wx
-            slip = max(here * here, there * there) + (flow_y - wy) ** 2 + (flow_z - wz) ** 2
-            if gained[i] > 0.0 or nonlinear[i] or 4.0 * radius[i] * radius[i] * slip > slip_limit:
-                keep(special, kept, n_special, i, x, y, z, vx, vy, vz)
+            per_mass = 1.0 / mass
+            wx, wy = vx + flat[A.jx + i] * per_mass, vy + flat[A.jy + i] * per_mass
+            wz = vz + flat[A.jz + i] * per_mass
+            # drag leads to between this and the fluid's velocity, which is in the box
+            inside = (flat[A.x_low + i] <= wx) & (wx <= flat[A.x_high + i])
+            inside &= (flat[A.y_low + i] <= wy) & (wy <= flat[A.y_high + i])
+            inside &= (flat[A.z_low + i] <= wz) & (wz <= flat[A.z_high + i])
+            gains = flat[A.gained + i] > 0.0
+            alone = nonlinear[i] or gains
+            if not inside:
+                # it may be so fast that its drag is not linear, at either end of its way
+                here, there = flow_x + shear * z - wx, flow_x + shear * (z + dt * wz) - wx
+                slip = max(here * here, there * there) + (flow_y - wy) ** 2 + (flow_z - wz) ** 2
+                alone = alone or 4.0 * radius * radius * slip > slip_limit
+            if gains or not inside:
+                thrown[n_thrown] = i
+                n_thrown += 1
+            if alone:
+                keep(special, kept, n_special, i, flat)
                 n_special += 1
-            vx[i], vy[i], vz[i] = wx, wy, wz
+            flat[A.vx + i], flat[A.vy + i], flat[A.vz + i] = wx, wy, wz
+            flat[A.jx + i], flat[A.jy + i], flat[A.jz + i] = 0.0, 0.0, 0.0
         if some_nonlinear > 0:
             for i in range(n):
                 if nonlinear[i] and touch_step[i] != step:
-                    keep(special, kept, n_special, i, x, y, z, vx, vy, vz)
+                    keep(special, kept, n_special, i, flat)
                     n_special += 1
 
         # drag and motion of all
+        contacts += glide(
+            model, dt, flow_x, flow_y, flow_z, f.x, f.y, f.z, f.vx, f.vy, f.vz, f.yielding, f.under_pad,
+            shear, pad_height, descent,
+        )  # fmt: skip
         if model.has_pad:
-            contacts += int(
-                glide_under_pad(
-                    z, vz, under_pad, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
-                )
-            )
-        else:
-            glide_upright(z, vz, yielding, flow_z, dt)
-        if couette:
-            glide_sheared(x, vx, z, yielding, shear, dt, model.length_x)
-        else:
-            glide_along(x, vx, yielding, flow_x, dt, model.length_x)
-        glide_along(y, vy, yielding, flow_y, dt, model.length_y)
-        if model.length_z > 0.0:
-            wrap_upright(z, model.length_z)
+            for k in range(n_touched):
+                flat[A.under_pad + touched[k]] = flat[A.radius + touched[k]]
 
         # those whose drag is not linear, or that gain mass
         for k in range(n_special):
             i = special[k]
-            pushed = 0.0
-            untouched = touch_step[i] != step  # else the impulse of the pad is in jz already
-            if untouched and model.has_pad and kept[k, 2] + radius[i] > pad_height:
-                pushed = surface_normal_impulse(mass[i], -(kept[k, 5] + descent), model.pad_restitution)
+            mass, gained, radius, pushed = flat[A.mass + i], flat[A.gained + i], flat[A.radius + i], 0.0
+            untouched = touch_step[i] != step  # else the impulse of the pad is in J already
+            if untouched and model.has_pad and kept[k, 2] + radius > pad_height:
+                pushed = surface_normal_impulse(mass, -(kept[k, 5] + descent), model.pad_restitution)
             wx, wy, wz, _, _, _, solved = solve_particle(
                 model, numerics.tolerance, dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],
-                mass[i], gained[i], jx[i], jy[i], jz[i] - pushed, 2.0 * radius[i],
+                mass, gained, kept[k, 6], kept[k, 7], kept[k, 8] - pushed, 2.0 * radius,
             )  # fmt: skip
             if not math.isfinite(wx + wy + wz):
                 status = NOT_FINITE
@@ -419,52 +420,44 @@ def march(
             elif not solved:
                 status = NOT_CONVERGED
                 progress[P.culprit] = i
-            if gained[i] > 0.0:
-                mass[i] += gained[i]
+            if gained > 0.0:
+                flat[A.mass + i] += gained
                 adapt(s, dt, i)
-                gained[i] = 0.0
-            vx[i], vy[i], vz[i] = wx, wy, wz
-            x[i] = wrap(kept[k, 0] + dt * wx, model.length_x)
-            y[i] = wrap(kept[k, 1] + dt * wy, model.length_y)
-            z[i] = wrap(kept[k, 2] + dt * wz, model.length_z)
+                flat[A.gained + i] = 0.0
+            flat[A.vx + i], flat[A.vy + i], flat[A.vz + i] = wx, wy, wz
+            flat[A.x + i], flat[A.y + i] = kept[k, 0] + dt * wx, kept[k, 1] + dt * wy
+            flat[A.z + i] = wrap(kept[k, 2] + dt * wz, model.length_z)
 
         # whose bounds hold no longer
-        for k in range(n_touched):
-            i = touched[k]
-            jx[i], jy[i], jz[i], under_pad[i] = 0.0, 0.0, 0.0, radius[i]
-            inside = (box[i, 0] <= vx[i]) & (vx[i] <= box[i, 1])
-            inside &= (box[i, 2] <= vy[i]) & (vy[i] <= box[i, 3])
-            inside &= (box[i, 4] <= vz[i]) & (vz[i] <= box[i, 5])
-            if not inside and status == DONE:
-                if due[i] != step + 1:
-                    remove(due, after, before, first, i)
-                    insert(due, after, before, first, i, step + 1)
-                x[i], y[i] = wrap(x[i], model.length_x), wrap(y[i], model.length_y)
-                z[i] = wrap(z[i], model.length_z)
-                left -= 2.0 * dt * math.sqrt((vx[i] - mean_x) ** 2 + (vy[i] - mean_y) ** 2 + vz[i] ** 2)
-                if not math.isfinite(x[i] + y[i] + z[i] + vx[i] + vy[i] + vz[i]):
-                    status = NOT_FINITE
-                    progress[P.culprit] = i
+        faster = speed
+        for k in range(n_thrown):
+            i = thrown[k]
+            if due[i] != step + 1 and status == DONE:
+                remove(due, after, before, first, i)
+                insert(due, after, before, first, i, step + 1)
+            flat[A.z + i] = wrap(flat[A.z + i], model.length_z)
+            vx, vy, vz = flat[A.vx + i], flat[A.vy + i], flat[A.vz + i]
+            faster = max(faster, math.sqrt((vx - mean_x) ** 2 + (vy - mean_y) ** 2 + vz * vz))
+            if not math.isfinite(flat[A.x + i] + flat[A.y + i] + flat[A.z + i] + vx + vy + vz):
+                status = NOT_FINITE
+                progress[P.culprit] = i
+        left -= 2.0 * dt * (faster - speed)
+        gone += dt * (faster - speed)
         if status != DONE:
             row = begin
             break
         if struck > begin:
-            if commit_removal(model, heights, rows, begin, struck):
-                if heights[top_x, top_y] < highest:
-                    top_x, top_y = highest_node(heights)
-                    highest = heights[top_x, top_y]
-                squares = int(largest / model.spacing) + 2
-                for k in range(begin, struck):
-                    if rows[k, col.REMOVED_VOLUME] > 0.0:
-                        mark(changed, model.spacing, rows[k, col.X], rows[k, col.Y], squares, step)
-            book_removals(progress, rows, begin, struck)
+            removed = take_off(model, heights, progress, rows, begin, struck, largest, changed, step)
+            if removed and heights[top_x, top_y] < highest:
+                top_x, top_y = highest_node(heights)
+                highest = heights[top_x, top_y]
         step += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:
             pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
     run[R.step], run[R.left], run[R.spent], run[R.speed] = step, left, spent, speed
     run[R.mean_x], run[R.mean_y], run[R.near], run[R.nonlinear] = mean_x, mean_y, near, some_nonlinear
-    run[R.fresh], run[R.mapped] = 1.0 if fresh else 0.0, mapped
+    run[R.fresh], run[R.mapped], run[R.gone] = 1.0 if fresh else 0.0, mapped, gone
     progress[P.rows] = row
     progress[P.steps] += step - begin_step
     progress[P.contacts] += contacts

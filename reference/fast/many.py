@@ -16,11 +16,11 @@ from reference import ledger as col
 from reference.compiled import kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
-from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean
+from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
     K,
-    accelerate_alone,
+    check_thrown,
     depart,
     find_surface,
     hit_surface,
@@ -31,9 +31,8 @@ from reference.fast.particle import (
     shear_of,
     solve_special,
     speed_apart,
-    wrap_thrown,
 )
-from reference.fast.sweep import accelerate, fast_on_pad, glide, highest_of
+from reference.fast.sweep import fast_on_pad, glide, highest_of
 from reference.fast.threads import PAIRS, PIECE, pieces_of, piecework, prefetch, threaded
 from reference.fast.watch import AHEAD
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
@@ -50,7 +49,6 @@ class Found(NamedTuple):
     hits: np.ndarray  # (F,), how many
     pace: np.ndarray  # (F,), highest speed in a new box, relative to the mean, m/s
     nonlinear: np.ndarray  # (F,), how many more may have drag that is not linear
-    on_pad: np.ndarray  # (F,), how many meet the pad fast enough for a ledger row
     met_pad: np.ndarray  # (F,), how many meet it
     thrown: np.ndarray  # (F,), highest speed of those thrown out of their boxes, m/s
     status: np.ndarray  # (F,)
@@ -76,8 +74,7 @@ def found_of(n):
     f = pieces_of(n, PIECE)
     return Found(
         np.empty(n, np.uint32), np.empty((n, 6)), np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64),
-        np.zeros(f, np.int64), np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64),
-        np.zeros(f, np.int64),
+        np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64), np.zeros(f, np.int64),
     )  # fmt: skip
 
 
@@ -94,23 +91,15 @@ def met_of(pairs):
 
 @piecework
 def watch_piece(
-    piece, model, fixed, heights, above, s, w, found, step, shear, pad_height, descent, ledger_speed, mean_x,
-    mean_y,
+    piece, model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y
 ):  # fmt: skip
     """Look at the particles of a piece whose time is up: new boxes, and who comes down on the surface."""
     begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
     listed, hit, due, known = found.listed, found.hit, w.due, w.known
-    last = end if end < found.listed.size else s.x.size  # with those that fill the last vector register
-    accelerate(
-        s.ax[begin:last], s.ay[begin:last], s.az[begin:last], s.rate[begin:last], s.z[begin:last],
-        s.vx[begin:last], s.vy[begin:last], s.vz[begin:last], fixed.flow_x, fixed.flow_y, fixed.flow_z, shear,
-    )  # fmt: skip
     count, hits, change, pace = 0, 0, 0, 0.0
     for i in range(begin, end):
         listed[begin + count] = i
         count += int(due[i] <= step)
-        if w.nonlinear[i]:
-            accelerate_alone(model, s, i, pad_height)
     for k in range(begin, begin + count):
         i = listed[k]
         prefetch(known, i)
@@ -143,31 +132,30 @@ def watch_piece(
                 hits += 1
         due[i] = step + 1 + steps
     found.hits[piece], found.nonlinear[piece], found.pace[piece] = hits, change, pace
-    found.on_pad[piece] = 0
-    if model.has_pad:
-        found.on_pad[piece] = fast_on_pad(
-            s.z[begin:end], s.vz[begin:end], s.radius[begin:end], pad_height, descent, ledger_speed
+
+
+@threaded
+def watch_many(model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y):
+    """`watch_piece` for all pieces."""
+    for piece in numba.prange(found.hits.size):
+        watch_piece(
+            np.int64(piece), model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y
         )
 
 
 @threaded
-def watch_many(
-    model, fixed, heights, above, s, w, found, step, shear, pad_height, descent, ledger_speed, mean_x,
-    mean_y,
-):  # fmt: skip
-    """`watch_piece` for all pieces."""
+def settle_many(s, found, periods):
+    """`near.settle` for all pieces."""
     for piece in numba.prange(found.hits.size):
-        watch_piece(
-            np.int64(piece), model, fixed, heights, above, s, w, found, step, shear, pad_height, descent,
-            ledger_speed, mean_x, mean_y,
-        )  # fmt: skip
+        begin = np.int64(piece) * PIECE
+        settle(s, begin, min(begin + PIECE, found.listed.size), periods)
 
 
 @piecework
 def list_near_piece(piece, s, lists, met, skin, periods):
     """The narrow list of a piece of the wide one."""
     begin = piece * PAIRS
-    met.near[piece] = list_narrow_of(s, lists, skin, periods, begin, min(begin + PAIRS, lists.reach.size))
+    met.near[piece] = list_narrow_of(s, lists, skin, periods, begin, min(begin + PAIRS, lists.wide.shape[0]))
 
 
 @threaded
@@ -178,7 +166,7 @@ def list_near(s, lists, met, skin, periods):
 
 
 @piecework
-def collide_piece(piece, model, fixed, s, lists, met, ledger_speed):
+def collide_piece(piece, model, fixed, s, w, lists, met, shear, pad_height, ledger_speed):
     """Find the contacts among the near pairs of a piece, and their impulses."""
     begin = piece * PAIRS
     pair, end = begin, begin + met.near[piece]
@@ -186,7 +174,7 @@ def collide_piece(piece, model, fixed, s, lists, met, ledger_speed):
     at, noted = begin, 0
     while pair < end:
         pair, count = next_batch(
-            model, fixed, s, lists.narrow, lists.reach, lists.rigid, pair, end, meeting, c, bits
+            model, fixed, s, lists, w.nonlinear, shear, pad_height, pair, end, meeting, c, bits
         )
         for k in range(count):
             met.pair[at], contact = meeting[k], met.contact[at]
@@ -198,10 +186,12 @@ def collide_piece(piece, model, fixed, s, lists, met, ledger_speed):
 
 
 @threaded
-def collide_many(model, fixed, s, lists, met, ledger_speed):
+def collide_many(model, fixed, s, w, lists, met, shear, pad_height, ledger_speed):
     """`collide_piece` for all pieces."""
     for piece in numba.prange(met.near.size):
-        collide_piece(np.int64(piece), model, fixed, s, lists, met, ledger_speed)
+        collide_piece(
+            np.int64(piece), model, fixed, s, w, lists, met, shear, pad_height, ledger_speed
+        )  # fmt: skip
 
 
 @piecework
@@ -211,30 +201,36 @@ def move_piece(
 ):  # fmt: skip
     """Move the particles of a piece: pad, drag, and a look in the next step for those thrown out of a box."""
     begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    touch_step, special = scratch.touch_step, scratch.special
-    specials, met_pad, thrown = begin, 0, 0.0
+    touch_step, touched, thrown, special = (
+        scratch.touch_step, scratch.touched, scratch.thrown, scratch.special
+    )  # fmt: skip
+    touches, throws, specials, met_pad, highest = begin, begin, begin, 0, 0.0
     found.status[piece] = DONE
     for i in range(begin, end):
         if touch_step[i] == step:
-            meets, unusual, wx, wy, wz, s.jz[i] = depart(
-                model, fixed, shear, pad_height, descent, s.mass[i], s.radius[i], scratch.gained[i],
-                w.nonlinear[i], s.z[i], s.vx[i], s.vy[i], s.vz[i], s.jx[i], s.jy[i], s.jz[i],
-            )  # fmt: skip
-            if model.has_pad:
-                s.under_pad[i] = -math.inf
+            touched[touches] = i
+            touches += 1
+            meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
             met_pad += int(meets)
+            if leaves:
+                thrown[throws] = i
+                throws += 1
             if unusual:
                 keep(s, special, scratch.kept, specials, i)
                 specials += 1
             s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
+            s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
         elif some_nonlinear and w.nonlinear[i]:
             keep(s, special, scratch.kept, specials, i)
             specials += 1
     last = end if end < found.listed.size else s.x.size
     met_pad += glide(
-        model, fixed, s.x[begin:last], s.y[begin:last], s.z[begin:last], s.vx[begin:last], s.vy[begin:last],
-        s.vz[begin:last], s.yielding[begin:last], s.under_pad[begin:last], shear, pad_height, descent,
+        model, fixed.dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, s.x[begin:last], s.y[begin:last],
+        s.z[begin:last], s.vx[begin:last], s.vy[begin:last], s.vz[begin:last], s.yielding[begin:last],
+        s.under_pad[begin:last], shear, pad_height, descent,
     )  # fmt: skip
+    for k in range(begin, touches):
+        s.under_pad[touched[k]] = s.radius[touched[k]]
     for k in range(begin, specials):
         i = special[k]
         solved = solve_special(
@@ -242,15 +238,14 @@ def move_piece(
         )
         if solved != DONE:
             found.status[piece], found.culprit[piece] = solved, i
-    for i in range(begin, end):
-        if touch_step[i] == step:
-            s.jx[i], s.jy[i], s.jz[i], s.under_pad[i] = 0.0, 0.0, 0.0, s.radius[i]
-            if not in_box(w.known, i, s.vx[i], s.vy[i], s.vz[i]) and found.status[piece] == DONE:
-                w.due[i] = step + 1
-                thrown = max(thrown, speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
-                found.status[piece] = wrap_thrown(model, s, i)
-                found.culprit[piece] = i
-    found.met_pad[piece], found.thrown[piece] = met_pad, thrown
+    for k in range(begin, throws):
+        i = thrown[k]
+        w.due[i] = step + 1
+        highest = max(highest, speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
+        checked = check_thrown(model, s, i)
+        if found.status[piece] == DONE and checked != DONE:
+            found.status[piece], found.culprit[piece] = checked, i
+    found.met_pad[piece], found.thrown[piece] = met_pad, highest
 
 
 @threaded
@@ -273,7 +268,8 @@ def push_pairs(model, numerics, fixed, time, pad_height, step, s, scratch, order
     for piece in range(met.near.size):
         contacts += met.touching[piece]
         for at in range(piece * PAIRS, piece * PAIRS + met.touching[piece]):
-            i, j = narrow[met.pair[at], 0], narrow[met.pair[at], 1]
+            pair = met.pair[at]
+            i, j = narrow[2 * pair], narrow[2 * pair + 1]
             contact = met.contact[at]
             s.jx[i] += contact[0]
             s.jy[i] += contact[1]
@@ -309,7 +305,8 @@ def march_many(
     room = WIDE * largest - skin
     origin, found = Origin(np.empty(n), np.empty(n), np.empty(n)), found_of(n)
     lists, met = lists_of(np.empty((0, 2), np.int64)), met_of(0)
-    left, spent, speed, mean_x, mean_y = -1.0, math.inf, 0.0, 0.0, 0.0
+    left, spent, gone, speed, mean_x, mean_y, drift = -1.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
+    quarter = 0.5 * min(fixed.half_x, fixed.half_y)
     nonlinear, mapped = 0, 0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
     first = row
@@ -320,32 +317,35 @@ def march_many(
         descent, shear = 0.0, shear_of(model, pad_height)
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
-        if model.has_pairs and left < 2.0 * dt * speed:
+        if (model.has_pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
+            settle_many(s, found, periods)
             spent += skin - left + 2.0 * dt * speed
             if spent > room and spent < math.inf:
                 spent = 2.0 * farthest(s, origin, periods)
-            if not spent <= room:
+            if model.has_pairs and not spent <= room:
                 lists = lists_of(list_wide(s, largest, periods, origin))
-                met = met_of(lists.reach.size)
+                met = met_of(lists.wide.shape[0])
                 spent, mean_x, mean_y = 0.0, mean(s.vx, n), mean(s.vy, n)
+                drift = math.hypot(mean_x, mean_y)
                 for i in range(n):
                     w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
             list_near(s, lists, met, skin, periods)
-            left, speed = skin, highest_of(w.pace)
+            left, gone, speed = skin, 0.0, highest_of(w.pace)
         else:
             left -= 2.0 * dt * speed
+            gone += dt * (speed + drift)
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
 
-        watch_many(
-            model, fixed, heights, ceiling.height, s, w, found, step, shear, pad_height, descent,
-            numerics.ledger_speed, mean_x, mean_y,
-        )  # fmt: skip
+        watch_many(model, fixed, heights, ceiling.height, s, w, found, step, pad_height, mean_x, mean_y)
         nonlinear += found.nonlinear.sum()
         speed = max(speed, highest_of(found.pace))
-        collide_many(model, fixed, s, lists, met, numerics.ledger_speed)
-        if row + found.hits.sum() + 1 + met.noted.sum() + found.on_pad.sum() > rows.shape[0]:
+        collide_many(model, fixed, s, w, lists, met, shear, pad_height, numerics.ledger_speed)
+        on_pad = 0
+        if model.has_pad and numerics.ledger_speed <= speed + descent:
+            on_pad = fast_on_pad(s.z, s.vz, s.radius, pad_height, descent, numerics.ledger_speed)
+        if row + found.hits.sum() + 1 + met.noted.sum() + on_pad > rows.shape[0]:
             status = LEDGER_FULL  # nothing has been changed that the next call does not find out by itself
             break
 
@@ -355,7 +355,7 @@ def march_many(
                 i, hit = found.listed[at], found.hit[at]
                 closing = -(s.vx[i] * hit[0] + s.vy[i] * hit[1] + s.vz[i] * hit[2])
                 row, lasting = hit_surface(
-                    model, numerics, fixed, s, scratch, heights, i, time, pad_height, closing,
+                    model, numerics, fixed, s, w, scratch, heights, i, time, shear, pad_height, closing,
                     hit[0], hit[1], hit[2], hit[3], hit[4], hit[5], rows, row,
                 )  # fmt: skip
                 scratch.touch_step[i] = step
@@ -367,14 +367,16 @@ def march_many(
             model, numerics, fixed, time, pad_height, step, s, scratch, order, lists, met, rows, row
         )
         longest = max(longest, lasting)
-        if found.on_pad.sum() > 0:
+        if on_pad > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
 
         move_many(
             model, numerics, fixed, s, w, scratch, found, step, shear, pad_height, descent, nonlinear > 0,
             mean_x, mean_y,
         )  # fmt: skip
-        left -= 2.0 * dt * max(highest_of(found.thrown) - speed, 0.0)
+        faster = max(highest_of(found.thrown) - speed, 0.0)
+        left -= 2.0 * dt * faster
+        gone += dt * faster
         for piece in range(found.status.size):
             if found.status[piece] != DONE:
                 status, progress[P.culprit] = found.status[piece], order[found.culprit[piece]]

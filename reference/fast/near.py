@@ -2,7 +2,8 @@
 
 The wide list holds as long as no particle has left its place, relative to the mean of all, by half of the
 skin that the narrow list leaves; the narrow one as long as boxes of velocities (`watch.py`) keep any two from
-coming nearer by its skin.
+coming nearer by its skin.  Between its makings positions along x and y are not wrapped, so that the image of
+the second particle that the first one meets stays the same: each pair keeps the way to it.
 """
 
 from __future__ import annotations
@@ -14,21 +15,37 @@ import numpy as np
 
 from reference.compiled import inlined, kernel
 from reference.contact import effective_modulus
-from reference.fast.sweep import vectorised
 from reference.neighbors import minimum_image, neighbor_pairs
+from reference.timestep import wrap
 
 FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
 
 
 @inlined
+def shift_to_image(distance, period, half):
+    """What a difference of two wrapped positions lacks of that to the nearest image, m.
+
+    `half` is half of the period, or infinite.
+    """
+    if distance > half:
+        return -period
+    if distance < -half:
+        return period
+    return 0.0
+
+
+@inlined
 def nearest_image(distance, period, half):
     """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
-    if distance > half:
-        return distance - period
-    if distance < -half:
-        return distance + period
-    return distance
+    return distance + shift_to_image(distance, period, half)
+
+
+@kernel
+def settle(s, first, last, periods):
+    """Wrap the positions of particles first ... last - 1, as is done before pairs are listed."""
+    for i in range(first, last):
+        s.x[i], s.y[i], s.z[i] = wrap(s.x[i], periods[0]), wrap(s.y[i], periods[1]), wrap(s.z[i], periods[2])
 
 
 class Origin(NamedTuple):
@@ -39,6 +56,19 @@ class Origin(NamedTuple):
     z: np.ndarray
 
 
+class Fact(NamedTuple):
+    """What a pair in the narrow list has: these are the places among its FACTS numbers."""
+
+    reach: int = 0  # square of the distance at which it touches, m2
+    rigid: int = 1  # R E*^2, m Pa2
+    shift_x: int = 2  # from the second particle to the image of it that the first one meets, m
+    shift_y: int = 3
+
+
+F = Fact()
+FACTS = len(F)
+
+
 class Lists(NamedTuple):
     """Room for as many pairs as are in the wide list, P.
 
@@ -46,19 +76,18 @@ class Lists(NamedTuple):
     """
 
     wide: np.ndarray  # (P, 2), particles
-    narrow: np.ndarray  # (P, 2), particles of those that are nearly touching
-    reach: np.ndarray  # (P,), square of the distance at which these touch, m2
-    rigid: np.ndarray  # (P,), their R E*^2, m Pa2
+    narrow: np.ndarray  # (2 P,), particles of those that are nearly touching, two and two
+    facts: np.ndarray  # (FACTS P,), what does not change of each of these, see `Fact`
 
 
 @kernel
 def lists_of(wide):
     """Lists for a wide list of pairs."""
     pairs = wide.shape[0]
-    return Lists(wide.astype(np.uint32), np.empty((pairs, 2), np.uint32), np.empty(pairs), np.empty(pairs))
+    return Lists(wide.astype(np.uint32), np.empty(2 * pairs, np.uint32), np.empty(FACTS * pairs))
 
 
-@vectorised
+@kernel
 def squares_from(x, y, z, i, length_x, length_y, length_z, half_x, half_y, half_z, square):
     """Squared distances, to the nearest image, of particle i from the ones after it, into `square`."""
     for j in range(i + 1, square.size):
@@ -127,22 +156,23 @@ def list_narrow_of(s, lists, skin, periods, first, last):
     They stand in the narrow list from `first` on; returned is how many they are.  Of each R E*^2 is kept:
     what Hertz's duration needs of a pair that does not change.
     """
-    wide, narrow, at = lists.wide, lists.narrow, first
+    wide, narrow, facts, at = lists.wide, lists.narrow, lists.facts, first
     half_x = 0.5 * periods[0] if periods[0] > 0.0 else math.inf
     half_y = 0.5 * periods[1] if periods[1] > 0.0 else math.inf
     half_z = 0.5 * periods[2] if periods[2] > 0.0 else math.inf
     for pair in range(first, last):
         i, j = wide[pair, 0], wide[pair, 1]
-        dx = nearest_image(s.x[j] - s.x[i], periods[0], half_x)
-        dy = nearest_image(s.y[j] - s.y[i], periods[1], half_y)
-        dz = nearest_image(s.z[j] - s.z[i], periods[2], half_z)
+        dx, dy = s.x[j] - s.x[i], s.y[j] - s.y[i]
+        shift_x, shift_y = shift_to_image(dx, periods[0], half_x), shift_to_image(dy, periods[1], half_y)
+        dx, dy, dz = dx + shift_x, dy + shift_y, nearest_image(s.z[j] - s.z[i], periods[2], half_z)
         touching = s.radius[i] + s.radius[j]
         reach = touching + skin
         if dx * dx + dy * dy + dz * dz < reach * reach:
-            narrow[at, 0], narrow[at, 1] = i, j
+            narrow[2 * at], narrow[2 * at + 1] = i, j
             modulus = effective_modulus(s.modulus[i], s.modulus[j])
-            lists.reach[at] = touching * touching
-            lists.rigid[at] = s.radius[i] * s.radius[j] / touching * modulus * modulus
+            facts[FACTS * at + F.reach] = touching * touching
+            facts[FACTS * at + F.rigid] = s.radius[i] * s.radius[j] / touching * modulus * modulus
+            facts[FACTS * at + F.shift_x], facts[FACTS * at + F.shift_y] = shift_x, shift_y
             at += 1
     return at - first
 

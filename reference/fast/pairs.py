@@ -17,11 +17,10 @@ import numpy as np
 from reference.collisions import drag_on
 from reference.compiled import inlined, kernel
 from reference.contact import HERTZ
-from reference.fast.near import nearest_image
-from reference.fast.sweep import vectorised
+from reference.fast.near import FACTS, F, nearest_image
 from reference.state import FLOW_COUETTE
 
-LANES, REGISTER = 16, 8  # contacts of a batch, and doubles in a vector register
+LANES, REGISTER = 16, 4  # contacts of a batch, and doubles in a vector register
 # bits(q^(-1/5)) is nearly this minus bits(q)/5, within 3.2 %; each of Newton's steps takes e to 3 e^2
 ROOT_BITS = int((1.2 * 1023 - 0.059) * 2.0**52)
 
@@ -69,7 +68,7 @@ def fill_up(c, met):
     return lanes
 
 
-@vectorised
+@inlined
 def approach(c, lanes):
     """Unit vectors, effective masses, speeds of separation, and what Hertz's duration depends on."""
     for k in range(lanes):
@@ -83,14 +82,14 @@ def approach(c, lanes):
         c[B.hertz + k] = -c[B.rigid + k] * separation / (m_eff * m_eff)
 
 
-@vectorised
+@inlined
 def guess_durations(bits, lanes):
     """q^(-1/5) within some percent, from the bits of q: there Newton's iteration starts."""
     for k in range(lanes):
         bits[B.duration + k] = ROOT_BITS - int(0.2 * bits[B.hertz + k])
 
 
-@vectorised
+@inlined
 def durations(c, lanes):
     """Durations 2.87 q^(-1/5), q = R E*^2 v/m*^2 > 0: `impact_duration`, s."""
     for k in range(lanes):
@@ -101,7 +100,7 @@ def durations(c, lanes):
         c[B.duration + k] = HERTZ * y
 
 
-@vectorised
+@inlined
 def impulses(c, lanes, restitution, static_friction, dynamic_friction, dt):
     """Impulses that the first particles receive."""
     for k in range(lanes):
@@ -162,39 +161,61 @@ def acceleration(model, nonlinear, shear, pad_height, rate, mass, radius, z, vx,
 
 
 @inlined
-def next_batch(model, fixed, s, narrow, reach, rigid, pair, end, meeting, c, bits):  # fmt: skip
+def acceleration_in(model, s, nonlinear, shear, pad_height, i):
+    """`acceleration` of particle i of the swarm `s`."""
+    return acceleration(
+        model, nonlinear[i], shear, pad_height, s.rate[i], s.mass[i], s.radius[i], s.z[i], s.vx[i], s.vy[i],
+        s.vz[i],
+    )  # fmt: skip
+
+
+@inlined
+def impulses_of_batch(model, dt, c, bits, met):
+    """Impulses and durations of the `met` contacts of the batch `c`, whose memory as integers is `bits`."""
+    lanes = fill_up(c, met)
+    approach(c, lanes)
+    if model.impact_duration > 0.0:
+        for k in range(lanes):
+            c[B.duration + k] = model.impact_duration
+    else:
+        guess_durations(bits, lanes)
+        durations(c, lanes)
+    impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, dt)
+
+
+@inlined
+def next_batch(
+    model, fixed, s, lists, nonlinear, shear, pad_height, pair, end, meeting, c, bits
+):  # fmt: skip
     """Find the next contacts among the pairs pair ... end - 1, and their impulses: (pair to go on with, met).
 
     `meeting` gets the numbers of their pairs, the batch `c`, whose memory as integers is `bits`, the rest.
     """
     x, y, z, vx, vy, vz = s.x, s.y, s.z, s.vx, s.vy, s.vz
-    ax, ay, az, mass = s.ax, s.ay, s.az, s.mass
+    narrow, facts = lists.narrow, lists.facts
     met = 0
     while pair < end and met < LANES:  # without branches: whether two touch is hard to foretell
-        i, j = narrow[pair, 0], narrow[pair, 1]
-        dx = nearest_image(x[j] - x[i], model.length_x, fixed.half_x)
-        dy = nearest_image(y[j] - y[i], model.length_y, fixed.half_y)
+        q = np.uint32(pair)
+        i, j = narrow[2 * q], narrow[2 * q + 1]
+        dx = x[j] - x[i] + facts[FACTS * q + F.shift_x]
+        dy = y[j] - y[i] + facts[FACTS * q + F.shift_y]
         dz = nearest_image(z[j] - z[i], model.length_z, fixed.half_z)
         wx, wy, wz = vx[j] - vx[i], vy[j] - vy[i], vz[j] - vz[i]
         lane = np.uint32(met)
         meeting[lane] = pair
         c[B.nx + lane], c[B.ny + lane], c[B.nz + lane] = dx, dy, dz
         c[B.vx + lane], c[B.vy + lane], c[B.vz + lane] = wx, wy, wz
-        touching = dx * dx + dy * dy + dz * dz < reach[pair]
+        touching = dx * dx + dy * dy + dz * dz < facts[FACTS * q + F.reach]
         met += int(touching & (wx * dx + wy * dy + wz * dz < 0.0))
         pair += 1
     if met > 0:
         for k in range(met):
-            i, j = narrow[meeting[k], 0], narrow[meeting[k], 1]
-            c[B.ax + k], c[B.ay + k], c[B.az + k] = ax[i] - ax[j], ay[i] - ay[j], az[i] - az[j]
-            c[B.mass_i + k], c[B.mass_j + k], c[B.rigid + k] = mass[i], mass[j], rigid[meeting[k]]
-        lanes = fill_up(c, met)
-        approach(c, lanes)
-        if model.impact_duration > 0.0:
-            for k in range(lanes):
-                c[B.duration + k] = model.impact_duration
-        else:
-            guess_durations(bits, lanes)
-            durations(c, lanes)
-        impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, fixed.dt)
+            q = meeting[k]
+            i, j = narrow[2 * q], narrow[2 * q + 1]
+            ax, ay, az = acceleration_in(model, s, nonlinear, shear, pad_height, i)
+            bx, by, bz = acceleration_in(model, s, nonlinear, shear, pad_height, j)
+            c[B.ax + k], c[B.ay + k], c[B.az + k] = ax - bx, ay - by, az - bz
+            c[B.mass_i + k], c[B.mass_j + k] = s.mass[i], s.mass[j]
+            c[B.rigid + k] = facts[FACTS * q + F.rigid]
+        impulses_of_batch(model, fixed.dt, c, bits, met)
     return pair, met

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.collisions import drag_on
 from reference.compiled import formula, inlined, kernel
 from reference.contact import surface_normal_impulse
 from reference.fast.events import bounce, strike
 from reference.fast.near import fastest
+from reference.fast.pairs import acceleration_in
 from reference.fast.swarm import adapt
 from reference.fast.watch import (
     AHEAD,
@@ -147,13 +147,6 @@ def in_box(known, i, vx, vy, vz):
 
 
 @inlined
-def accelerate_alone(model, s, i, pad_height):
-    """E/m of particle i, whose drag may not be linear: what `sweep.accelerate` is for all others."""
-    ex, ey, ez = drag_on(model, pad_height, s.z[i], s.vx[i], s.vy[i], s.vz[i], 2.0 * s.radius[i])
-    s.ax[i], s.ay[i], s.az[i] = ex / s.mass[i], ey / s.mass[i], ez / s.mass[i]
-
-
-@inlined
 def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
     """Give particle i a new box; return 1, -1 or 0: how many more may have drag that is not linear."""
     known = w.known
@@ -166,12 +159,9 @@ def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
     w.pace[i] = pace_of(known, i, mean_x, mean_y)
     over = 4.0 * s.radius[i] * s.radius[i] * slip > fixed.slip_limit
     # nor can the sweep wrap a particle that crosses the box in one step
-    over = over or fixed.dt * max(x_high, -x_low, y_high, -y_low) >= 2.0 * min(fixed.half_x, fixed.half_y)
     over = over or fixed.dt * max(z_high, -z_low) >= 2.0 * fixed.half_z
     before = w.nonlinear[i]
     w.nonlinear[i] = over
-    if over:
-        accelerate_alone(model, s, i, pad_height)
     return int(over) - int(before)
 
 
@@ -182,7 +172,7 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     `above` is the map of the surface's maxima; `same_box` says that the box is that of the last look.
     """
     known, close, number, changed = w.known, w.close, w.number, w.changed
-    x, y, z, radius = s.x[i], s.y[i], s.z[i], s.radius[i]
+    x, y, z, radius = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y), s.z[i], s.radius[i]
     x_low, x_high, y_low = known[i, K.x_low], known[i, K.x_high], known[i, K.y_low]
     y_high, z_low, z_high = known[i, K.y_high], known[i, K.z_low], known[i, K.z_high]
     a = min(int(x * fixed.per_spacing), changed.shape[0] - 1)
@@ -214,31 +204,27 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
 
 @inlined
 def hit_surface(
-    model, numerics, fixed, s, scratch, heights, i, time, pad_height, closing, nx, ny, nz, qx, qy,
+    model, numerics, fixed, s, w, scratch, heights, i, time, shear, pad_height, closing, nx, ny, nz, qx, qy,
     qz, rows, row,
 ):  # fmt: skip
     """Have the surface push particle i, which comes down at `closing`: (next free row, duration in s)."""
     if closing >= fixed.remarkable:
+        x, y = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y)
         strike(
-            model, fixed.dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), s.x[i], s.y[i], s.z[i],
-            s.vx[i], s.vy[i], s.vz[i], s.mass[i], s.radius[i], s.modulus[i], heights, scratch.position,
-            scratch.velocity, rows, row,
+            model, fixed.dt, time, pad_height, i, (nx, ny, nz, qx, qy, qz), x, y, s.z[i], s.vx[i], s.vy[i],
+            s.vz[i], s.mass[i], s.radius[i], s.modulus[i], heights, scratch.position, scratch.velocity, rows,
+            row,
         )  # fmt: skip
         normal, lasting = rows[row, col.NORMAL_IMPULSE], rows[row, col.DURATION]
         removes = rows[row, col.REMOVED_VOLUME] > 0.0
         if removes and model.mass_pickup:
-            scratch.gained[i] = rows[row, col.REMOVED_MASS]
+            s.gained[i] = rows[row, col.REMOVED_MASS]
         if removes or closing >= numerics.ledger_speed:
             row += 1
     else:
+        ax, ay, az = acceleration_in(model, s, w.nonlinear, shear, pad_height, i)
         normal, lasting = bounce(
-            model,
-            fixed.dt,
-            s.mass[i],
-            s.radius[i],
-            s.modulus[i],
-            closing,
-            s.ax[i] * nx + s.ay[i] * ny + s.az[i] * nz,
+            model, fixed.dt, s.mass[i], s.radius[i], s.modulus[i], closing, ax * nx + ay * ny + az * nz
         )
     s.jx[i] += normal * nx
     s.jy[i] += normal * ny
@@ -247,25 +233,29 @@ def hit_surface(
 
 
 @inlined
-def depart(
-    model, fixed, shear, pad_height, descent, mass, radius, gained, nonlinear, z, vx, vy, vz, jx, jy, jz
-):  # fmt: skip
-    """Velocity of a particle after its contacts, before the drag: (meets the pad, special, v, J_z).
+def depart(model, fixed, s, w, i, shear, pad_height, descent):
+    """Velocity of particle i after its contacts, before the drag: (meets the pad, thrown, special, v).
 
-    A special one, whose drag may not be linear or that gains mass, is solved by `solve_special` afterwards.
+    One that is thrown may have left its box: drag leads to between v and the fluid's velocity, which is in
+    it.  A special one, whose drag may not be linear or that gains mass, is solved by `solve_special`.
     """
+    mass, radius, z, vx, vy, vz = s.mass[i], s.radius[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
     meets = False
     if model.has_pad:
         meets = (z + radius > pad_height) & (vz + descent > 0.0)
         push = surface_normal_impulse(mass, -(vz + descent), model.pad_restitution)
-        jz -= push if meets else 0.0
+        s.jz[i] -= push if meets else 0.0
+        s.under_pad[i] = -math.inf
     per_mass = 1.0 / mass
-    wx, wy, wz = vx + jx * per_mass, vy + jy * per_mass, vz + jz * per_mass
-    # the contacts may have made it so fast that its drag is not linear, at either end of its way
-    here, there = fixed.flow_x + shear * z - wx, fixed.flow_x + shear * (z + fixed.dt * wz) - wx
-    slip = max(here * here, there * there) + (fixed.flow_y - wy) ** 2 + (fixed.flow_z - wz) ** 2
-    special = gained > 0.0 or nonlinear or 4.0 * radius * radius * slip > fixed.slip_limit
-    return meets, special, wx, wy, wz, jz
+    wx, wy, wz = vx + s.jx[i] * per_mass, vy + s.jy[i] * per_mass, vz + s.jz[i] * per_mass
+    inside, gains = in_box(w.known, i, wx, wy, wz), s.gained[i] > 0.0
+    special = w.nonlinear[i] or gains
+    if not inside:
+        # it may be so fast that its drag is not linear, at either end of its way
+        here, there = fixed.flow_x + shear * z - wx, fixed.flow_x + shear * (z + fixed.dt * wz) - wx
+        slip = max(here * here, there * there) + (fixed.flow_y - wy) ** 2 + (fixed.flow_z - wz) ** 2
+        special = special or 4.0 * radius * radius * slip > fixed.slip_limit
+    return meets, gains or not inside, special, wx, wy, wz
 
 
 @inlined
@@ -274,6 +264,7 @@ def keep(s, special, kept, k, i):
     special[k] = i
     kept[k, 0], kept[k, 1], kept[k, 2] = s.x[i], s.y[i], s.z[i]
     kept[k, 3], kept[k, 4], kept[k, 5] = s.vx[i], s.vy[i], s.vz[i]
+    kept[k, 6], kept[k, 7], kept[k, 8] = s.jx[i], s.jy[i], s.jz[i]
 
 
 @inlined
@@ -282,21 +273,20 @@ def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_heigh
 
     One that is `untouched` has not received the impulse of the pad yet.
     """
-    kept, gained, mass = scratch.kept, scratch.gained, s.mass
+    kept, gained, mass = scratch.kept, s.gained, s.mass
     pushed = 0.0
     if untouched and model.has_pad and kept[k, 2] + s.radius[i] > pad_height:
         pushed = surface_normal_impulse(mass[i], -(kept[k, 5] + descent), model.pad_restitution)
     wx, wy, wz, _, _, _, solved = solve_particle(
         model, numerics.tolerance, fixed.dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],
-        mass[i], gained[i], s.jx[i], s.jy[i], s.jz[i] - pushed, 2.0 * s.radius[i],
+        mass[i], gained[i], kept[k, 6], kept[k, 7], kept[k, 8] - pushed, 2.0 * s.radius[i],
     )  # fmt: skip
     if gained[i] > 0.0:
         mass[i] += gained[i]
         adapt(s, fixed.dt, i)
         gained[i] = 0.0
     s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
-    s.x[i] = wrap(kept[k, 0] + fixed.dt * wx, model.length_x)
-    s.y[i] = wrap(kept[k, 1] + fixed.dt * wy, model.length_y)
+    s.x[i], s.y[i] = kept[k, 0] + fixed.dt * wx, kept[k, 1] + fixed.dt * wy
     s.z[i] = wrap(kept[k, 2] + fixed.dt * wz, model.length_z)
     if not math.isfinite(wx + wy + wz):
         return NOT_FINITE
@@ -304,9 +294,8 @@ def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_heigh
 
 
 @inlined
-def wrap_thrown(model, s, i):
-    """Wrap particle i, which its contacts have thrown out of its box; return a status."""
-    s.x[i], s.y[i] = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y)
+def check_thrown(model, s, i):
+    """Wrap particle i, which its contacts have thrown out of its box, along z; return a status."""
     s.z[i] = wrap(s.z[i], model.length_z)
     finite = math.isfinite(s.x[i] + s.y[i] + s.z[i] + s.vx[i] + s.vy[i] + s.vz[i])
     return DONE if finite else NOT_FINITE

@@ -14,13 +14,12 @@ from reference.fast.few import advance_few
 from reference.fast.many import march_many
 from reference.fast.pairs import batch
 from reference.fast.particle import fastest_flow, fixed_of, know_all
-from reference.fast.swarm import bring_back, scratch_of, swarm_of
+from reference.fast.swarm import MANY, bring_back, scratch_of, swarm_of
 from reference.fast.watch import AHEAD, MARGIN
 from reference.neighbors import cell_order
 from reference.timestep import P
 
 BOOKED = ("contacts", "removals", "removed_volume", "removed_mass", "depth_sum")  # of the sums of a run
-MANY = 4096  # particles, from which on they are shared out among threads
 
 
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
@@ -40,5 +39,5 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
         model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling,
         scratch_of(len(order), batch()), order, heights, rows,
     )  # fmt: skip
-    bring_back(s, p, order)
+    bring_back(model, s, p, order)
     return status

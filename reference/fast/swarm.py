@@ -11,10 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import kernel
+from reference.compiled import inlined, kernel
 from reference.state import FLOW_NONE
+from reference.timestep import wrap
 
 LANES = 16  # a multiple of the doubles in a vector register
+MANY = 4096  # particles, from which on they are moved by the loop for many
+# Few particles have their components at distances that the compiler knows: it sees that nothing overlaps, and
+# keeps one address instead of dozens.  With a power of 2 all would compete for the same lines of a cache.
+ROW = MANY + 72
 
 
 class Swarm(NamedTuple):
@@ -33,12 +38,45 @@ class Swarm(NamedTuple):
     rate: np.ndarray  # k/m, 1/s
     yielding: np.ndarray  # dt k/(m + dt k): the part of u - v that a step takes
     under_pad: np.ndarray  # the radius, or minus infinity where the pad has been dealt with already, m
-    ax: np.ndarray  # external force over mass, E/m, at the start of the step, m/s2
-    ay: np.ndarray
-    az: np.ndarray
     jx: np.ndarray  # impulse of the step's contacts with particles and surface, N s
     jy: np.ndarray
     jz: np.ndarray
+    gained: np.ndarray  # mass picked up, kg
+    flat: np.ndarray  # all of these; where particles are few, those of `At`
+
+
+class At(NamedTuple):
+    """Where in the flat array of few particles quantities begin: those of `Swarm`, and some of `few.py`."""
+
+    x: int = 0 * ROW
+    y: int = 1 * ROW
+    z: int = 2 * ROW
+    vx: int = 3 * ROW
+    vy: int = 4 * ROW
+    vz: int = 5 * ROW
+    mass: int = 6 * ROW
+    radius: int = 7 * ROW
+    modulus: int = 8 * ROW
+    drag: int = 9 * ROW
+    rate: int = 10 * ROW
+    yielding: int = 11 * ROW
+    under_pad: int = 12 * ROW
+    jx: int = 13 * ROW
+    jy: int = 14 * ROW
+    jz: int = 15 * ROW
+    gained: int = 16 * ROW
+    x_low: int = 17 * ROW  # the box: lowest and highest velocity along x, y and z, m/s
+    x_high: int = 18 * ROW
+    y_low: int = 19 * ROW
+    y_high: int = 20 * ROW
+    z_low: int = 21 * ROW
+    z_high: int = 22 * ROW
+    pace: int = 23 * ROW  # highest speed in it, relative to the mean of all, m/s
+    looked_x: int = 24 * ROW  # where the close triangles were found, m
+    looked_y: int = 25 * ROW
+
+
+A = At()
 
 
 class Scratch(NamedTuple):
@@ -46,9 +84,9 @@ class Scratch(NamedTuple):
 
     touched: np.ndarray  # (N + 1,), particles in contact with others or the surface
     touch_step: np.ndarray  # (N,), the last step in which one was
+    thrown: np.ndarray  # (N,), those of them that may have left their boxes
     special: np.ndarray  # (N,), particles that are solved by themselves
-    gained: np.ndarray  # (N,), mass picked up, kg
-    kept: np.ndarray  # (N, 6), position and velocity of the special ones before the step
+    kept: np.ndarray  # (N, 9), position, velocity and impulse of the special ones before the step
     position: np.ndarray  # (3,), of one particle
     velocity: np.ndarray  # (3,)
     meeting: np.ndarray  # pairs of a batch of contacts
@@ -60,8 +98,22 @@ class Scratch(NamedTuple):
 def scratch_of(n, batch):
     """Scratch for n particles, none of them in contact, and a batch of contacts."""
     return Scratch(
-        np.empty(n + 1, np.uint32), np.full(n, -1), np.empty(n, np.uint32), np.zeros(n),
-        np.empty((n, 6)), np.empty(3), np.empty(3), np.empty(LANES, np.uint32), batch, batch.view(np.int64),
+        np.empty(n + 1, np.uint32), np.full(n, -1), np.empty(n, np.uint32), np.empty(n, np.uint32),
+        np.empty((n, 9)), np.empty(3), np.empty(3), np.empty(LANES, np.uint32), batch, batch.view(np.int64),
+    )  # fmt: skip
+
+
+@inlined
+def views(flat, row, size):
+    """The swarm whose components are `row` numbers apart, `size` of each."""
+    return Swarm(
+        flat[0 * row : 0 * row + size], flat[1 * row : 1 * row + size], flat[2 * row : 2 * row + size],
+        flat[3 * row : 3 * row + size], flat[4 * row : 4 * row + size], flat[5 * row : 5 * row + size],
+        flat[6 * row : 6 * row + size], flat[7 * row : 7 * row + size], flat[8 * row : 8 * row + size],
+        flat[9 * row : 9 * row + size], flat[10 * row : 10 * row + size], flat[11 * row : 11 * row + size],
+        flat[12 * row : 12 * row + size], flat[13 * row : 13 * row + size], flat[14 * row : 14 * row + size],
+        flat[15 * row : 15 * row + size], flat[16 * row : 16 * row + size],
+        flat,
     )  # fmt: skip
 
 
@@ -70,11 +122,10 @@ def swarm_of(model, dt, p, order):
     """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
     n = p.mass.shape[0]
     padded = LANES * ((n + LANES - 1) // LANES)
-    a = np.zeros((19, padded))
-    s = Swarm(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12], a[13], a[14],
-        a[15], a[16], a[17], a[18],
-    )  # fmt: skip
+    few = padded <= ROW
+    row = ROW if few else padded
+    flat = np.zeros(len(A) * ROW if few else 17 * row)
+    s = views(flat, row, padded)
     for i in range(n):
         k = order[i]
         s.x[i], s.y[i], s.z[i] = p.position[k]
@@ -97,10 +148,12 @@ def adapt(s, dt, i):
 
 
 @kernel
-def bring_back(s, p, order):
+def bring_back(model, s, p, order):
     """Write positions, velocities and masses of the swarm back to the Particles `p`."""
     for i in range(p.mass.shape[0]):
         k = order[i]
-        p.position[k, 0], p.position[k, 1], p.position[k, 2] = s.x[i], s.y[i], s.z[i]
+        p.position[k, 0] = wrap(s.x[i], model.length_x)
+        p.position[k, 1] = wrap(s.y[i], model.length_y)
+        p.position[k, 2] = wrap(s.z[i], model.length_z)
         p.velocity[k, 0], p.velocity[k, 1], p.velocity[k, 2] = s.vx[i], s.vy[i], s.vz[i]
         p.mass[k] = s.mass[i]

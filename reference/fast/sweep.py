@@ -3,20 +3,23 @@
 Paper: Eqs. (37)-(39) with Stokes's drag, which is linear and needs no iteration: with the velocity
 s = v + J/m after the step's contacts, v' = s + dt k (u - s)/(m + dt k).  Particles whose drag is not
 Stokes's, or that gain mass, are solved by `schemes.solve_particle` afterwards.
+
+Positions along x and y are not wrapped here, but when pairs are listed (`near.settle`).
 """
 
 from __future__ import annotations
 
 import numba
 
-from reference.compiled import inlined
+from reference.compiled import inlined, kernel
 from reference.state import FLOW_COUETTE
 
-# sums may be taken in any order, and nothing is infinite; selections then become vector instructions
-vectorised = numba.njit(error_model="numpy", nogil=True, fastmath={"reassoc", "nsz", "nnan"})
+# nothing is infinite, and the sign of a zero does not matter: then the highest of numbers is a vector
+# instruction, and still the same in whatever order they are compared
+comparing = numba.njit(error_model="numpy", nogil=True, fastmath={"nsz", "nnan"})
 
 
-@vectorised
+@comparing
 def highest_of(values):
     """The highest of numbers of which none is negative."""
     highest = 0.0
@@ -25,36 +28,36 @@ def highest_of(values):
     return highest
 
 
-@vectorised
+@kernel
 def fast_on_pad(z, vz, radius, pad_height, descent, speed):
     """How many particles meet the pad at `speed` (m/s) or faster."""
-    found = 0.0
+    found = 0
     for i in range(z.size):
         approach = vz[i] + descent
-        found += 1.0 if (z[i] + radius[i] > pad_height) & (approach > 0.0) & (approach >= speed) else 0.0
+        found += 1 if (z[i] + radius[i] > pad_height) & (approach > 0.0) & (approach >= speed) else 0
     return found
 
 
-@vectorised
+@inlined
 def glide_under_pad(z, vz, under_pad, yielding, flow, dt, pad_height, descent, restitution):
     """Velocity and position along z after a step under the pad; return how many particles meet the pad.
 
     J = (1 + e_pad) m (v_z + V_z) downwards makes v_z to -e_pad v_z - (1 + e_pad) V_z: see `collide_pad`.
     Particles that other contacts have changed already are left out by `under_pad`, which else is the radius.
     """
-    hits, leaving = 0.0, -(1.0 + restitution) * descent
+    hits, leaving = 0, -(1.0 + restitution) * descent
     for i in range(z.size):
         v = vz[i]
         meets = (z[i] + under_pad[i] > pad_height) & (v + descent > 0.0)
         v = leaving - restitution * v if meets else v
-        hits += 1.0 if meets else 0.0
+        hits += 1 if meets else 0
         v += yielding[i] * (flow - v)
         vz[i] = v
         z[i] += dt * v
     return hits
 
 
-@vectorised
+@inlined
 def glide_upright(z, vz, yielding, flow, dt):
     """Velocity and position along z after a step without a pad, not wrapped."""
     for i in range(z.size):
@@ -63,31 +66,25 @@ def glide_upright(z, vz, yielding, flow, dt):
         z[i] += dt * v
 
 
-@vectorised
-def glide_sheared(x, vx, z, yielding, shear, dt, period):
+@inlined
+def glide_sheared(x, vx, z, yielding, shear, dt):
     """Velocity and position along x after a step, in a flow u = `shear` z at the new height."""
     for i in range(x.size):
         v = vx[i] + yielding[i] * (shear * z[i] - vx[i])
         vx[i] = v
-        q = x[i] + dt * v
-        q = q - period if q >= period else q
-        q = q + period if q < 0.0 else q
-        x[i] = 0.0 if q >= period else q
+        x[i] += dt * v
 
 
-@vectorised
-def glide_along(x, vx, yielding, flow, dt, period):
+@inlined
+def glide_along(x, vx, yielding, flow, dt):
     """Velocity and position along x or y after a step, in a uniform flow."""
     for i in range(x.size):
         v = vx[i] + yielding[i] * (flow - vx[i])
         vx[i] = v
-        q = x[i] + dt * v
-        q = q - period if q >= period else q
-        q = q + period if q < 0.0 else q
-        x[i] = 0.0 if q >= period else q
+        x[i] += dt * v
 
 
-@vectorised
+@inlined
 def wrap_upright(z, period):
     """Positions along z within [0, period), after a step that led at most one period out of it."""
     for i in range(z.size):
@@ -97,32 +94,23 @@ def wrap_upright(z, period):
         z[i] = 0.0 if q >= period else q
 
 
-@vectorised
-def accelerate(ax, ay, az, rate, z, vx, vy, vz, flow_x, flow_y, flow_z, shear):
-    """External force over mass, k (u - v)/m with Stokes's k, m/s2; `rate` is k/m, 1/s."""
-    for i in range(z.size):
-        ax[i] = rate[i] * (flow_x + shear * z[i] - vx[i])
-        ay[i] = rate[i] * (flow_y - vy[i])
-        az[i] = rate[i] * (flow_z - vz[i])
-
-
 @inlined
-def glide(model, fixed, x, y, z, vx, vy, vz, yielding, under_pad, shear, pad_height, descent):
-    """Drag, pad and motion in one step; return how many meet the pad."""
-    dt, hits = fixed.dt, 0
+def glide(
+    model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, yielding, under_pad, shear, pad_height, descent
+):  # fmt: skip
+    """Drag, pad and motion in one step of dt; return how many meet the pad."""
+    hits = 0
     if model.has_pad:
-        hits = int(
-            glide_under_pad(
-                z, vz, under_pad, yielding, fixed.flow_z, dt, pad_height, descent, model.pad_restitution
-            )
+        hits = glide_under_pad(
+            z, vz, under_pad, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
         )
     else:
-        glide_upright(z, vz, yielding, fixed.flow_z, dt)
+        glide_upright(z, vz, yielding, flow_z, dt)
     if model.flow == FLOW_COUETTE:
-        glide_sheared(x, vx, z, yielding, shear, dt, model.length_x)
+        glide_sheared(x, vx, z, yielding, shear, dt)
     else:
-        glide_along(x, vx, yielding, fixed.flow_x, dt, model.length_x)
-    glide_along(y, vy, yielding, fixed.flow_y, dt, model.length_y)
+        glide_along(x, vx, yielding, flow_x, dt)
+    glide_along(y, vy, yielding, flow_y, dt)
     if model.length_z > 0.0:
         wrap_upright(z, model.length_z)
     return hits

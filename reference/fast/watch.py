@@ -38,16 +38,12 @@ class Watch(NamedTuple):
     after: np.ndarray  # (N,), the next particle in the list of the same step, or -1
     before: np.ndarray  # (N,)
     first: np.ndarray  # (HORIZON,), the first particle of each list, or -1
-    box: np.ndarray  # (N, 6), lowest and highest velocity along x, y and z, m/s
-    pace: np.ndarray  # (N,), highest speed in it, relative to the mean of all, m/s
     renewed: np.ndarray  # (N,), step until which the box may be used again
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
     close: np.ndarray  # (N, MOST_CLOSE, 3), squares and sides of triangles that may be touched soon
     number: np.ndarray  # (N,), how many
     until: np.ndarray  # (N,), step until which no other triangle can be touched
     looked: np.ndarray  # (N,), step in which the close triangles were found
-    looked_x: np.ndarray  # (N,), and where, m
-    looked_y: np.ndarray  # (N,)
     changed: np.ndarray  # (nx, ny), step of the last removal near a square
 
 
@@ -55,10 +51,9 @@ class Watch(NamedTuple):
 def watch_all(n, shape):
     """All particles are looked at in step 0; the surface has squares of this `shape`."""
     w = Watch(
-        np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros((n, 6)),
-        np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int32),
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.zeros(n),
-        np.full(shape, -1),
+        np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros(n, np.int64),
+        np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int32), np.zeros(n, np.int64),
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(shape, -1),
     )  # fmt: skip
     for i in range(n):
         insert(w.due, w.after, w.before, w.first, i, 0)
@@ -99,7 +94,8 @@ def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
     if model.has_pad:
         gap, lowest = pad_height, max(pad_height - way * model.pad_descent, model.pad_minimum)
     low, high = z + way * min(z_low, 0.0), z + way * max(z_high, 0.0)
-    a, b, c, d = low / gap, low / lowest, high / gap, high / lowest
+    per_gap, per_lowest = 1.0 / gap, 1.0 / lowest
+    a, b, c, d = low * per_gap, low * per_lowest, high * per_gap, high * per_lowest
     u, v = model.wall_speed * min(a, b, c, d), model.wall_speed * max(a, b, c, d)
     return min(u, v), max(u, v)
 
@@ -152,10 +148,13 @@ def around(index, count):
 
 @inlined
 def steps_to_triangle(dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon):
-    """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz)."""
+    """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz).
+
+    Distance and speed are both taken times the distance, which spares a division.
+    """
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     speed = max(-dx * x_low, -dx * x_high) + max(-dy * y_low, -dy * y_high) + max(-dz * z_low, -dz * z_high)
-    return steps_until(distance - radius, speed / distance, dt, horizon)
+    return steps_until((distance - radius) * distance, speed, dt, horizon)
 
 
 @inlined
@@ -206,14 +205,16 @@ def look(
     right, left = way * max(x_high, 0.0), way * max(-x_low, 0.0)
     up, down = way * max(y_high, 0.0), way * max(-y_low, 0.0)
     sink = dt * max(-z_low, 0.0)
-    square = radius * radius
-    for i in range(math.floor((x - radius - left) / spacing), math.floor((x + radius + right) / spacing) + 1):
+    square, per_spacing = radius * radius, 1.0 / spacing
+    for i in range(
+        math.floor((x - radius - left) * per_spacing), math.floor((x + radius + right) * per_spacing) + 1
+    ):
         x0, x1 = i * spacing, (i + 1) * spacing
         i0 = around(i, n_x)
         i1 = i0 + 1 if i0 + 1 < n_x else 0
         away_x = x0 - x if x0 > x else (x1 - x if x1 < x else 0.0)
         for j in range(
-            math.floor((y - radius - down) / spacing), math.floor((y + radius + up) / spacing) + 1
+            math.floor((y - radius - down) * per_spacing), math.floor((y + radius + up) * per_spacing) + 1
         ):
             j0 = around(j, n_y)
             j1 = j0 + 1 if j0 + 1 < n_y else 0
@@ -228,7 +229,7 @@ def look(
             if flat > reach:
                 across = math.sqrt(flat)
                 speed = max(away_x * x_high, away_x * x_low) + max(away_y * y_high, away_y * y_low)
-                free = steps_until(across - math.sqrt(reach), speed / across, dt, horizon)
+                free = steps_until((across - math.sqrt(reach)) * across, speed, dt, horizon)
                 if free >= CLOSE:
                     others = min(others, free)
                     continue
@@ -261,10 +262,8 @@ def look(
         return True, 0.0, 0.0, 1.0, qx, qy, qz, 0, 0
     if touching:
         distance = math.sqrt(best)
-        others = others if distance > 0.5 * radius else 0
-        return (
-            True, (x - qx) / distance, (y - qy) / distance, (z - qz) / distance, qx, qy, qz, 0, others
-        )  # fmt: skip
+        others, per = others if distance > 0.5 * radius else 0, 1.0 / distance
+        return True, (x - qx) * per, (y - qy) * per, (z - qz) * per, qx, qy, qz, 0, others
     return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, min(steps, others), others
 
 
@@ -306,6 +305,6 @@ def look_closely(
         elif apart < best:
             touching, best, qx, qy, qz = True, apart, cx, cy, cz
     if touching:
-        distance = math.sqrt(best)
-        return True, (x - qx) / distance, (y - qy) / distance, (z - qz) / distance, qx, qy, qz, 0
+        per = 1.0 / math.sqrt(best)
+        return True, (x - qx) * per, (y - qy) * per, (z - qz) * per, qx, qy, qz, 0
     return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, steps
