@@ -8,40 +8,32 @@ import sys
 
 import numpy as np
 import pytest
-from test_fast import EPS, apart, nudged, shortened, sorted_ledger, with_stepper
+from test_fast import sorted_ledger
 
-from reference.case import load_case
+from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
 from reference.fast.stepper import MANY
 from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
 from reference.simulation import simulate_setup
 from reference.state import Setup
-from reference.timestep import ROUNDINGS
 
 COUNT, STEPS = 5000, 200
-SPACING = 0.5e-6  # of the nodes, m
 
 
 def crowd() -> Setup:
     """The layer of `polish_pair` with more particles, under a pad so low that many touch it."""
-    case = load_case("polish_pair")
-    size = case.surface.size * np.sqrt(COUNT / case.particles.count)
-    nodes = round(size / SPACING)
-    changes = {
-        "particles": {"count": COUNT}, "pad": {"initial_height": 1.25e-6},
-        "surface": {"size": nodes * SPACING, "nodes": nodes}, "numerics": {"tolerance": 1e-15},
-    }  # fmt: skip
-    return shortened(case.replaced(changes), STEPS)
+    changes = {"pad": {"initial_height": 1.25e-6}, "numerics": {"tolerance": 1e-15}}
+    return shortened(crowded(COUNT, changes), STEPS)
 
 
 def test_many_particles_follow_the_answer_key_to_round_off():
-    """The bound is that of `test_fast.py`; here each loop has several pieces."""
+    """The bound is that of `steppers.allowed`; here each loop has several pieces."""
     setup = crowd()
     assert COUNT >= MANY
     assert COUNT > 4 * PIECE
     plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))
-    period, grown = setup.model.length_x, 2 * ROUNDINGS * STEPS
-    bound_x = grown * max(apart(plain.positions, twin.positions, period), EPS * period)
-    bound_v = grown * max(apart(plain.velocities, twin.velocities), EPS * np.abs(plain.velocities).max())
+    period = setup.model.length_x
+    bound_x = allowed(STEPS, plain.positions, twin.positions, period, period)
+    bound_v = allowed(STEPS, plain.velocities, twin.velocities, np.abs(plain.velocities).max())
     assert bound_x < 1e-3 * setup.state.diameter.min()
     assert apart(fast.positions, plain.positions, period) <= bound_x
     assert apart(fast.velocities, plain.velocities) <= bound_v
@@ -55,10 +47,10 @@ def test_many_particles_follow_the_answer_key_to_round_off():
 DIGEST = """
 import hashlib, sys
 sys.path.insert(0, "tests")
-from test_fast import with_stepper
 from test_threads import crowd
 from pandas.util import hash_pandas_object
 from reference.simulation import simulate_setup
+from cmpcheck.components.steppers import with_stepper
 run = simulate_setup(with_stepper(crowd(), "fast"))
 ledger = hash_pandas_object(run.contacts).to_numpy()
 found = b"".join(a.tobytes() for a in (run.positions, run.velocities, run.masses, run.surface.z, ledger))
