@@ -78,8 +78,9 @@ def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkey
     assert wrong(full) == set()
 
 
-@pytest.mark.xdist_group("many")
-@pytest.mark.parametrize("part", [steppers.checks, steppers.checks_of_many])
+@pytest.mark.parametrize(
+    "part", [steppers.checks, pytest.param(steppers.checks_of_many, marks=pytest.mark.xdist_group("many"))]
+)
 def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, monkeypatch):
     """By 1e-9 of its height."""
     right = steppers.with_stepper
