@@ -66,7 +66,7 @@ MUTANTS = (
     Mutant(
         "many: late list", "the list of pairs is kept for longer than it holds",
         f"{FAST}/many.py:march_many",
-        "left < 2.0 * dt * speed", "left < 2.0 * dt * speed - SIZE * skin", 1.0, "% of the skin",
+        "left -= 2.0 * dt * speed", "left -= (1.0 - SIZE) * 2.0 * dt * speed", 1.0, "% of the way",
     ),
     Mutant(
         "many: ledger of a pair", "who is the first of a pair goes by places in memory",
