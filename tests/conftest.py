@@ -19,8 +19,13 @@ FIRST = ("many", "test_fast")  # groups that compile for a minute: the fast step
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Group tests by file, and sort the groups: FIRST, those with slow tests, the others as they stand."""
+def pytest_collection_modifyitems(config, items):
+    """Group tests by file, and sort the groups: FIRST, those with slow tests, the others as they stand.
+
+    Where tests are not shared out they stay in the order in which they are asked for.
+    """
+    if not config.getoption("loadgroup", False):
+        return
     for item in items:
         if not any(item.iter_markers("xdist_group")):
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
