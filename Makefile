@@ -1,7 +1,7 @@
 # `make compare` and `make test` need Python 3.11 or newer (PYTHON=... to choose one) and nothing else.
 PYTHON ?= python3
 WORKERS ?= auto
-SHARE := --dist loadgroup --no-loadscope-reorder# how tests are shared out: see tests/conftest.py
+SHARE := --dist loadfile --no-loadscope-reorder# how tests are shared out: see tests/conftest.py
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check

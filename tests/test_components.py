@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cmpcheck import components
-from cmpcheck.components import (
-    check_components,
-    component_result,
-    equations,
-    methods,
-    runs,
-    samples,
-    setup,
-    steppers,
-)
+from cmpcheck.components import check_components, component_result, equations, methods, runs, samples, setup
 from cmpcheck.engines.lammps import LammpsEngine
-from cmpcheck.suite import run_suite, run_work
-from cmpcheck.suite_parts import ComponentTask
+from cmpcheck.suite import run_suite
 from reference import exact
 from reference.balances import Balance
 from reference.exact import adaptive
@@ -67,30 +56,6 @@ def test_twin_a_run_that_does_not_balance_is_seen(monkeypatch):
     loose = Balance("volume", "", residual=1.0, bound=0.5, unit="m3")
     monkeypatch.setattr(runs, "balances", lambda run: [*right(run)[:-1], loose])
     assert wrong(runs.checks()) == {"balance_of_volume"}
-
-
-@pytest.mark.xdist_group("many")
-def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkeypatch):
-    monkeypatch.setattr(components, "PARTS", ())
-    quick, full = (run_work(ComponentTask(("reference",), name)).comparisons for name in ("quick", "full"))
-    assert quick == []
-    assert {row.variant for row in full} == {steppers.VARIANT_OF_MANY}
-    assert wrong(full) == set()
-
-
-@pytest.mark.parametrize(
-    "part", [steppers.checks, pytest.param(steppers.checks_of_many, marks=pytest.mark.xdist_group("many"))]
-)
-def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, monkeypatch):
-    """By 1e-9 of its height."""
-    right = steppers.with_stepper
-
-    def lower(given, stepper):
-        state = replace(given.state, pad_height=given.state.pad_height * (1.0 - 1e-9))
-        return right(replace(given, state=state), stepper)
-
-    monkeypatch.setattr(steppers, "with_stepper", lower)
-    assert {"fast_position", "fast_velocity"} <= wrong(part())
 
 
 def test_a_part_that_crashes_is_a_row_and_the_others_go_on(monkeypatch):

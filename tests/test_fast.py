@@ -55,7 +55,7 @@ def sorted_ledger(run: Run):
     return run.contacts.sort_values(["time", "kind", "i", "j"], ignore_index=True)
 
 
-@pytest.fixture(params=["few", pytest.param("many", marks=pytest.mark.xdist_group("many"))])
+@pytest.fixture(params=["few", "many"])
 def loop(request, monkeypatch):
     """Both loops of the fast stepper, whatever the number of particles."""
     if request.param == "many":

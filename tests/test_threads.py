@@ -5,19 +5,24 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_components import wrong
 from test_fast import sorted_ledger
 
+from cmpcheck import components
+from cmpcheck.components import steppers
 from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
+from cmpcheck.suite import run_work
+from cmpcheck.suite_parts import ComponentTask
 from reference.fast.stepper import MANY
 from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
 from reference.simulation import simulate_setup
 from reference.state import Setup
 
 COUNT, STEPS = 5000, 200
-pytestmark = pytest.mark.xdist_group("many")
 
 
 def crowd() -> Setup:
@@ -74,6 +79,27 @@ def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
     assert threads == tuple(map(str, THREADS))
     assert int(rows[0]) > PIECE
     assert len(set(zip(rows, digests, strict=True))) == 1
+
+
+def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkeypatch):
+    monkeypatch.setattr(components, "PARTS", ())
+    quick, full = (run_work(ComponentTask(("reference",), name)).comparisons for name in ("quick", "full"))
+    assert quick == []
+    assert {row.variant for row in full} == {steppers.VARIANT_OF_MANY}
+    assert wrong(full) == set()
+
+
+@pytest.mark.parametrize("part", [steppers.checks, steppers.checks_of_many])
+def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, monkeypatch):
+    """By 1e-9 of its height."""
+    right = steppers.with_stepper
+
+    def lower(given, stepper):
+        state = replace(given.state, pad_height=given.state.pad_height * (1.0 - 1e-9))
+        return right(replace(given, state=state), stepper)
+
+    monkeypatch.setattr(steppers, "with_stepper", lower)
+    assert {"fast_position", "fast_velocity"} <= wrong(part())
 
 
 def test_threads_that_the_machine_does_not_have_are_refused():
