@@ -45,6 +45,8 @@ def checks_of_many() -> list[Comparison]:
 def crowded(particles: int, changes: dict[str, dict]) -> Case:
     """The case with as many particles on a layer as dense, and other entries in some of its sections."""
     (case, *_) = load_case(CASE_OF).variants()
+    assert case.particles is not None
+    assert case.surface.nodes is not None
     spacing = case.surface.size / case.surface.nodes
     nodes = round(case.surface.nodes * np.sqrt(particles / case.particles.count))
     layer = {"particles": {"count": particles}, "surface": {"size": nodes * spacing, "nodes": nodes}}
