@@ -50,35 +50,29 @@ def test_many_particles_follow_the_answer_key_to_round_off():
         assert (ours[column] == theirs[column]).all()
 
 
-THREADS = (1, 2, 3, 7)
-DIGESTS = """
+DIGEST = """
 import hashlib, sys
 sys.path.insert(0, "tests")
 from test_threads import crowd
 from pandas.util import hash_pandas_object
-from reference.simulation import simulate_setup
 from cmpcheck.components.steppers import with_stepper
-from reference.fast.threads import use_threads
-setup = with_stepper(crowd(), "fast")
-for threads in map(int, sys.argv[1:]):
-    use_threads(threads)
-    run = simulate_setup(setup)
-    ledger = hash_pandas_object(run.contacts).to_numpy()
-    found = b"".join(a.tobytes() for a in (run.positions, run.velocities, run.masses, run.surface.z, ledger))
-    print(threads, len(ledger), hashlib.sha256(found).hexdigest())
+from reference.simulation import simulate_setup
+run = simulate_setup(with_stepper(crowd(), "fast"))
+ledger = hash_pandas_object(run.contacts).to_numpy()
+found = b"".join(a.tobytes() for a in (run.positions, run.velocities, run.masses, run.surface.z, ledger))
+print(len(ledger), hashlib.sha256(found).hexdigest())
 """
 
 
 def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
-    """In a process of its own, for this one has as many threads as the other tests."""
-    done = subprocess.run(
-        [sys.executable, "-c", DIGESTS, *map(str, THREADS)],
-        env=os.environ | {"NUMBA_NUM_THREADS": str(max(THREADS))}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    threads, rows, digests = zip(*map(str.split, done.stdout.splitlines()), strict=True)
-    assert threads == tuple(map(str, THREADS))
-    assert int(rows[0]) > PIECE
-    assert len(set(zip(rows, digests, strict=True))) == 1
+    found = set()
+    for threads in (1, 2, 3, 7):
+        done = subprocess.run(
+            [sys.executable, "-c", DIGEST], env=os.environ | {"NUMBA_NUM_THREADS": str(threads)},
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        found.add(done.stdout)
+    assert len(found) == 1
 
 
 def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkeypatch):
@@ -89,13 +83,13 @@ def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkey
     assert wrong(full) == set()
 
 
-@pytest.mark.parametrize("part", [steppers.checks, steppers.checks_of_many])
-def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, monkeypatch):
-    """By 1e-9 of its height."""
+@pytest.mark.parametrize("part, by", [(steppers.checks, 1e-9), (steppers.checks_of_many, 1e-7)])
+def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, by, monkeypatch):
+    """By 1e-9 of its height, or 1e-7: it changes the flow of 3 m/s by 3e-7 m/s, and the bound is 5e-8 m/s."""
     right = steppers.with_stepper
 
     def lower(given, stepper):
-        state = replace(given.state, pad_height=given.state.pad_height * (1.0 - 1e-9))
+        state = replace(given.state, pad_height=given.state.pad_height * (1.0 - by))
         return right(replace(given, state=state), stepper)
 
     monkeypatch.setattr(steppers, "with_stepper", lower)
