@@ -1,6 +1,7 @@
 # `make compare` and `make test` need Python 3.11 or newer (PYTHON=... to choose one) and nothing else.
 PYTHON ?= python3
 WORKERS ?= auto
+SHARE := --dist loadfile --no-loadscope-reorder# how tests are shared out: see tests/conftest.py
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
@@ -22,8 +23,8 @@ compare: $(VENV)/installed
 	$(BIN)/cmpcheck compare
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(WORKERS)
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) -m nojit tests
+	$(BIN)/python -m pytest -n $(WORKERS) $(SHARE)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) $(SHARE) -m nojit tests
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .

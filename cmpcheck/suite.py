@@ -212,7 +212,7 @@ def run_suite(
     _check_decks(loaded, decks or {}, others)
     benchmarks = [BenchmarkTask(name, others, profile, folder / "data", decks or {}) for name in published]
     rest: list[BenchmarkTask | ComponentTask] = [*benchmarks]
-    rest += [ComponentTask(("reference", *others))] if components else []
+    rest += [ComponentTask(("reference", *others), profile)] if components else []
     keys = [(task.case.name, task.variant, task.form) for task in tasks]
     totals = Counter([name for name, _, _ in keys] + [task.name for task in rest])
     done: Counter[str] = Counter()
@@ -339,7 +339,7 @@ def run_work(task: Work) -> Outcome | CaseResult:
         return run_benchmark(task)
     from cmpcheck.components import component_result
 
-    return component_result(task.engines)
+    return component_result(task.engines, task.profile)
 
 
 def _found(task: Work, future: Future) -> Outcome | CaseResult:

@@ -28,6 +28,7 @@ class ComponentTask:
     """The components, to be checked."""
 
     engines: tuple[str, ...]
+    profile: str
 
     kind: ClassVar[str] = COMPONENTS  # under which its result is kept
     name: ClassVar[str] = COMPONENTS

@@ -14,6 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from polish_example import small_polish
 
+from cmpcheck.components.row import EPS
+from cmpcheck.components.steppers import allowed, apart, nudged, shortened, with_stepper
 from reference.case import Case, load_case
 from reference.collisions import pair_impulse
 from reference.contact import impact_duration
@@ -23,11 +25,8 @@ from reference.fast.pairs import LANES, B, batch, durations, guess_durations, im
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup
-from reference.state import Setup
-from reference.timestep import ROUNDINGS
 from reference.toml_source import CaseError
 
-EPS = float(np.finfo(float).eps)
 HELD = {"pad": {"initial_height": 1.2e-6, "minimum_height": 1.2e-6}}  # pad at rest: V_z = 0
 PINCHED = {"pad": {"initial_height": 1.05e-6, "minimum_height": 1.02e-6}}
 CASES = {
@@ -52,38 +51,8 @@ def polish(changes: dict[str, dict]) -> Case:
     return case.model_copy(update={"numerics": case.numerics.model_copy(update={"tolerance": 1e-15})})
 
 
-def shortened(case: Case, steps: int) -> Setup:
-    setup = build_setup(case)
-    end = steps * setup.time_step
-    return replace(setup, end_time=end, output_times=np.array([0.0, 0.4 * end, end]))
-
-
-def nudged(setup: Setup) -> Setup:
-    """The same setup with positions and velocities changed by one unit in the last place."""
-    rng = np.random.default_rng(5)
-    state = setup.state
-    return replace(
-        setup,
-        state=replace(
-            state,
-            position=state.position * (1.0 + EPS * rng.choice([-1, 1], state.position.shape)),
-            velocity=state.velocity * (1.0 + EPS * rng.choice([-1, 1], state.velocity.shape)),
-        ),
-    )
-
-
-def with_stepper(setup: Setup, stepper: str) -> Setup:
-    numerics = setup.case.numerics.model_copy(update={"stepper": stepper})
-    return replace(setup, case=setup.case.model_copy(update={"numerics": numerics}))
-
-
 def sorted_ledger(run: Run):
     return run.contacts.sort_values(["time", "kind", "i", "j"], ignore_index=True)
-
-
-def apart(a: np.ndarray, b: np.ndarray, period: float = 0.0) -> float:
-    away = np.abs(a - b)
-    return float(np.minimum(away, np.abs(period - away)).max() if period else away.max())
 
 
 @pytest.fixture(params=["few", "many"])
@@ -97,21 +66,16 @@ def loop(request, monkeypatch):
 def test_the_fast_stepper_follows_the_answer_key_to_round_off(name, loop):
     """More than 1000 steps with contacts; 500 where they are fast, and chaos sooner.
 
-    A step rounds each component less than ROUNDINGS times, by eps of its size (`timestep.round_off`), as
-    nudging the start by eps does once.  What is rounded in any step grows no more than what is rounded in the
-    first, so that two programs that are both right differ by less than steps x 2 ROUNDINGS times what the
-    nudged twin does, which grows from the start.  The twin's own growth is taken from its largest
-    difference, and the smallest that it can show is eps of the box.
+    The bound is that of `steppers.allowed`; the smallest that a twin can show is eps of the box.
     """
     steps, in_contact = (1500, 500) if name == "reynolds_above_1" else (1500, 1000)
     setup = shortened(polish(CASES[name]), steps)
     plain = simulate_setup(setup)
     fast = simulate_setup(with_stepper(setup, "fast"))
     twin = simulate_setup(nudged(setup))
-    grown = 2 * ROUNDINGS * steps
     period = setup.model.length_x
-    bound_x = grown * max(apart(plain.positions, twin.positions, period), EPS * period)
-    bound_v = grown * max(apart(plain.velocities, twin.velocities), EPS * np.abs(plain.velocities).max())
+    bound_x = allowed(steps, plain.positions, twin.positions, period, period)
+    bound_v = allowed(steps, plain.velocities, twin.velocities, np.abs(plain.velocities).max())
     assert bound_x < 1e-3 * setup.state.diameter.min()  # else the comparison would say nothing
     assert apart(fast.positions, plain.positions, period) <= bound_x
     assert apart(fast.velocities, plain.velocities) <= bound_v
@@ -130,7 +94,7 @@ def test_one_that_lags_by_a_step_would_be_seen():
     plain, twin = simulate_setup(setup), simulate_setup(nudged(setup))
     moved = simulate_setup(with_stepper(lower, "fast"))
     period = setup.model.length_x
-    bound = 2 * ROUNDINGS * 1500 * max(apart(plain.positions, twin.positions, period), EPS * period)
+    bound = allowed(1500, plain.positions, twin.positions, period, period)
     assert apart(moved.positions, plain.positions, period) > bound
 
 
@@ -147,7 +111,7 @@ def test_a_periodic_box_without_surface_and_fluid_is_followed_too(loop):
     plain = replace(plain, end_time=end, output_times=np.array([0.0, end]))
     ours, theirs = simulate_setup(with_stepper(plain, "fast")), simulate_setup(plain)
     twin = simulate_setup(nudged(plain))
-    bound = 2 * ROUNDINGS * steps * max(apart(theirs.velocities, twin.velocities), EPS)
+    bound = allowed(steps, theirs.velocities, twin.velocities, 1.0)
     assert len(theirs.contacts) > 10
     assert len(ours.contacts) == len(theirs.contacts)
     assert bound < 1e-3 * np.abs(theirs.velocities).max()
@@ -166,7 +130,7 @@ def test_a_ledger_that_is_full_again_and_again_changes_nothing_but_round_off(loo
     monkeypatch.setattr("reference.simulation.LEDGER_ROWS", 300)
     again = simulate_setup(setup)
     period = setup.model.length_x
-    bound = 2 * ROUNDINGS * 1500 * max(apart(once.positions, twin.positions, period), EPS * period)
+    bound = allowed(1500, once.positions, twin.positions, period, period)
     assert len(once.contacts) > 3000
     assert len(again.contacts) == len(once.contacts)
     assert apart(again.positions, once.positions, period) <= bound < 1e-3 * setup.state.diameter.min()
@@ -249,7 +213,8 @@ BARE = """
 import json, sys
 import numpy as np
 sys.path.insert(0, "tests")
-from test_fast import HELD, polish, shortened, with_stepper
+from test_fast import HELD, polish
+from cmpcheck.components.steppers import shortened, with_stepper
 from reference.simulation import simulate_setup
 run = simulate_setup(with_stepper(shortened(polish(HELD), 60), "fast"))
 print(json.dumps([run.positions.tolist(), len(run.contacts)]))
@@ -265,6 +230,6 @@ def test_the_same_without_the_jit():
     positions, contacts = json.loads(found.stdout)
     setup = with_stepper(shortened(polish(HELD), 60), "fast")
     run, twin = simulate_setup(setup), simulate_setup(nudged(setup))
-    bound = 2 * ROUNDINGS * 60 * max(apart(run.positions, twin.positions), EPS * setup.model.length_x)
+    bound = allowed(60, run.positions, twin.positions, setup.model.length_x)
     assert contacts == len(run.contacts)
     assert apart(run.positions, np.array(positions)) <= bound < 1e-9 * setup.model.length_x

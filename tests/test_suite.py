@@ -284,7 +284,8 @@ def test_a_worker_that_dies_takes_only_its_own_task_with_it(tmp_path):
 def test_a_benchmark_or_the_components_whose_worker_dies_are_an_error_of_each_engine(tmp_path):
     future: Future = Future()
     future.set_exception(BrokenProcessPool())
-    tasks = BenchmarkTask("kharaz", ("lammps", "liggghts"), "quick", tmp_path), ComponentTask(("reference",))
+    benchmark = BenchmarkTask("kharaz", ("lammps", "liggghts"), "quick", tmp_path)
+    tasks = benchmark, ComponentTask(("reference",), "quick")
     for task, engines in zip(tasks, (["lammps", "liggghts"], ["reference"]), strict=True):
         found = suite._found(task, future)
         assert found.lost

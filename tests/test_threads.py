@@ -5,43 +5,41 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_fast import EPS, apart, nudged, shortened, sorted_ledger, with_stepper
+from test_components import wrong
+from test_fast import sorted_ledger
 
-from reference.case import load_case
+from cmpcheck import components
+from cmpcheck.components import steppers
+from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
+from cmpcheck.suite import run_work
+from cmpcheck.suite_parts import ComponentTask
 from reference.fast.stepper import MANY
 from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
 from reference.simulation import simulate_setup
 from reference.state import Setup
-from reference.timestep import ROUNDINGS
 
 COUNT, STEPS = 5000, 200
-SPACING = 0.5e-6  # of the nodes, m
 
 
 def crowd() -> Setup:
     """The layer of `polish_pair` with more particles, under a pad so low that many touch it."""
-    case = load_case("polish_pair")
-    size = case.surface.size * np.sqrt(COUNT / case.particles.count)
-    nodes = round(size / SPACING)
-    changes = {
-        "particles": {"count": COUNT}, "pad": {"initial_height": 1.25e-6},
-        "surface": {"size": nodes * SPACING, "nodes": nodes}, "numerics": {"tolerance": 1e-15},
-    }  # fmt: skip
-    return shortened(case.replaced(changes), STEPS)
+    changes = {"pad": {"initial_height": 1.25e-6}, "numerics": {"tolerance": 1e-15}}
+    return shortened(crowded(COUNT, changes), STEPS)
 
 
 def test_many_particles_follow_the_answer_key_to_round_off():
-    """The bound is that of `test_fast.py`; here each loop has several pieces."""
+    """The bound is that of `steppers.allowed`; here each loop has several pieces."""
     setup = crowd()
     assert COUNT >= MANY
     assert COUNT > 4 * PIECE
     plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))
-    period, grown = setup.model.length_x, 2 * ROUNDINGS * STEPS
-    bound_x = grown * max(apart(plain.positions, twin.positions, period), EPS * period)
-    bound_v = grown * max(apart(plain.velocities, twin.velocities), EPS * np.abs(plain.velocities).max())
+    period = setup.model.length_x
+    bound_x = allowed(STEPS, plain.positions, twin.positions, period, period)
+    bound_v = allowed(STEPS, plain.velocities, twin.velocities, np.abs(plain.velocities).max())
     assert bound_x < 1e-3 * setup.state.diameter.min()
     assert apart(fast.positions, plain.positions, period) <= bound_x
     assert apart(fast.velocities, plain.velocities) <= bound_v
@@ -55,9 +53,9 @@ def test_many_particles_follow_the_answer_key_to_round_off():
 DIGEST = """
 import hashlib, sys
 sys.path.insert(0, "tests")
-from test_fast import with_stepper
 from test_threads import crowd
 from pandas.util import hash_pandas_object
+from cmpcheck.components.steppers import with_stepper
 from reference.simulation import simulate_setup
 run = simulate_setup(with_stepper(crowd(), "fast"))
 ledger = hash_pandas_object(run.contacts).to_numpy()
@@ -75,6 +73,27 @@ def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
         )  # fmt: skip
         found.add(done.stdout)
     assert len(found) == 1
+
+
+def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkeypatch):
+    monkeypatch.setattr(components, "PARTS", ())
+    quick, full = (run_work(ComponentTask(("reference",), name)).comparisons for name in ("quick", "full"))
+    assert quick == []
+    assert {row.variant for row in full} == {steppers.VARIANT_OF_MANY}
+    assert wrong(full) == set()
+
+
+@pytest.mark.parametrize("part, by", [(steppers.checks, 1e-9), (steppers.checks_of_many, 1e-7)])
+def test_twin_a_pad_that_is_lower_in_the_fast_stepper_is_seen(part, by, monkeypatch):
+    """By 1e-9 of its height, or 1e-7: it changes the flow of 3 m/s by 3e-7 m/s, and the bound is 5e-8 m/s."""
+    right = steppers.with_stepper
+
+    def lower(given, stepper):
+        state = replace(given.state, pad_height=given.state.pad_height * (1.0 - by))
+        return right(replace(given, state=state), stepper)
+
+    monkeypatch.setattr(steppers, "with_stepper", lower)
+    assert {"fast_position", "fast_velocity"} <= wrong(part())
 
 
 def test_threads_that_the_machine_does_not_have_are_refused():

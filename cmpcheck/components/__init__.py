@@ -1,7 +1,8 @@
 """Checks of what no case reaches: equations that no kernel calls, setting up, random numbers, methods.
 
 Each gives a row as the cases do, under the name `components`.  They cost a few seconds, and are part of every
-`cmpcheck compare` without names of cases.
+`cmpcheck compare` without names of cases; those of the fast stepper's loop for many particles, which takes a
+minute to compile, in the full profile only.
 """
 
 from __future__ import annotations
@@ -16,19 +17,24 @@ from cmpcheck.results import CaseResult, Comparison
 __all__ = ["CASE", "check_components", "component_result"]
 
 PARTS = (equations.checks, setup.checks, runs.checks, steppers.checks, methods.checks, samples.checks)
+FULL_PARTS = (steppers.checks_of_many,)  # of the full profile
 ENGINES = ("reference", "lammps")
 
 
 def check_components(
-    changed: str = "", engines: Collection[str] = ENGINES, in_process: bool = False
+    changed: str = "",
+    engines: Collection[str] = ENGINES,
+    in_process: bool = False,
+    profile: str = "quick",
 ) -> list[Comparison]:
     """Every row; a part that fails is one row with the status `error`.
 
     Parameters: changed, a file of the model: parts that do not depend on it are left out; engines, whose
-    parts are checked; in_process, whether LAMMPS runs in this process, as in `LammpsEngine`.
+    parts are checked; in_process, whether LAMMPS runs in this process, as in `LammpsEngine`; profile
+    quick | full.
     """
     rows: list[Comparison] = []
-    for part in PARTS:
+    for part in (*PARTS, *(FULL_PARTS if profile == "full" else ())):
         if ("lammps" if part is samples.checks else "reference") not in engines:
             continue
         if part is methods.checks and changed.startswith("reference/") and changed not in methods.MODEL_FILES:
@@ -40,10 +46,10 @@ def check_components(
     return rows
 
 
-def component_result(engines: Collection[str] = ENGINES) -> CaseResult:
+def component_result(engines: Collection[str] = ENGINES, profile: str = "quick") -> CaseResult:
     """All rows of the engines as a case of the report."""
     begin = time.perf_counter()
-    rows = check_components(engines=engines)
+    rows = check_components(engines=engines, profile=profile)
     return CaseResult(
         name=CASE,
         title="Components",

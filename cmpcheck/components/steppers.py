@@ -1,8 +1,12 @@
-"""The fast stepper beside the plain one, the answer key, for as long as they can be told from chaos."""
+"""The fast stepper beside the plain one, the answer key, for as long as they can be told from chaos.
+
+Each of its loops has rows: that for few particles, and that for many, which takes a minute to compile and is
+asked for in the full profile only.  What runs and compares them is used by the tests too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +14,8 @@ import numpy as np
 from cmpcheck.components.row import EPS, count, row
 from cmpcheck.components.runs import changed
 from cmpcheck.results import Comparison
+from reference.case import Case, load_case
+from reference.fast.stepper import MANY
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup
@@ -17,64 +23,44 @@ from reference.state import Setup
 from reference.timestep import ROUNDINGS
 
 CASE_OF = "polish_pair"
-STEPS = 1000
+STEPS, STEPS_OF_MANY = 1000, 800
 SEED = 11  # of the nudges
-VARIANT = "polishing by both steppers"
+VARIANT, VARIANT_OF_MANY = "polishing by both steppers", "polishing with many particles by both steppers"
+LOW = 1.2e-6  # height of the pad, m
+FAST_PAD = 3.0  # m/s: some particles reach Re > 1, where drag is not linear
+Rows = Counter[tuple[int, int, int, int]]  # of a ledger: step, kind, i and j
 
 
 def checks() -> list[Comparison]:
-    """Positions, velocities, removal and contacts of the first steps of polishing under a low pad.
-
-    A step rounds each component less than ROUNDINGS times, by eps of its size (`timestep.round_off`), as
-    nudging the start by eps does once, and what is rounded later has less time to grow.  Two right programs
-    so differ by less than 2 ROUNDINGS times the steps times what a nudged twin of the plain one does.
-    """
-    setup = build_setup(changed(CASE_OF, pad={"initial_height": 1.2e-6}))
-    end = STEPS * setup.time_step
-    setup = replace(setup, end_time=end, output_times=np.array([0.0, end]))
-    plain, fast, twin = (simulate_setup(one) for one in (setup, _fast(setup), _nudged(setup)))
-    runs = (plain, fast, twin)
-    period = setup.model.length_x
-    return [
-        _apart("fast_position", "m", period, [run.positions for run in runs], period),
-        _apart("fast_velocity", "m/s", np.abs(plain.velocities).max(), [run.velocities for run in runs]),
-        _apart("fast_height", "m", _z(plain).max(), [_z(run) for run in runs]),
-        *(
-            count(
-                f"fast_{name}", "", fast.history[name].iloc[-1], plain.history[name].iloc[-1],
-                "as many as the plain one finds", VARIANT,
-            )
-            for name in ("contacts", "removals")
-        ),
-    ]  # fmt: skip
+    """Rows of the first steps of polishing under a low pad, by the loop for few particles."""
+    return _beside(shortened(changed(CASE_OF, pad={"initial_height": LOW}), STEPS), STEPS, VARIANT)
 
 
-def _z(run: Run) -> np.ndarray:
-    assert run.surface is not None
-    return run.surface.z
+def checks_of_many() -> list[Comparison]:
+    """Rows of the first steps of polishing with as few particles as the loop for many moves."""
+    case = crowded(MANY, {"pad": {"initial_height": LOW, "speed": FAST_PAD}})
+    return _beside(shortened(case, STEPS_OF_MANY), STEPS_OF_MANY, VARIANT_OF_MANY)
 
 
-def _apart(
-    quantity: str, unit: str, size: float, found: Sequence[np.ndarray], period: float = np.inf
-) -> Comparison:
-    """The largest difference of the fast from the plain one, beside the twin's; `size` is that of its eps."""
-    plain, fast, twin = found
-
-    def largest(values: np.ndarray) -> float:
-        away = np.abs(values - plain)
-        return float(np.minimum(away, np.abs(period - away)).max())
-
-    bound = 2.0 * ROUNDINGS * STEPS * max(largest(twin), EPS * float(size))
-    reason = f"2 x {ROUNDINGS} roundings x {STEPS} steps, times what rounding the start makes of it"
-    return row(quantity, "", largest(fast), 0.0, bound, reason, unit, variant=VARIANT)
+def crowded(particles: int, changes: dict[str, dict]) -> Case:
+    """The case with as many particles on a layer as dense, and other entries in some of its sections."""
+    (case, *_) = load_case(CASE_OF).variants()
+    assert case.particles is not None
+    assert case.surface.nodes is not None
+    spacing = case.surface.size / case.surface.nodes
+    nodes = round(case.surface.nodes * np.sqrt(particles / case.particles.count))
+    layer = {"particles": {"count": particles}, "surface": {"size": nodes * spacing, "nodes": nodes}}
+    return case.replaced(layer | changes)
 
 
-def _fast(setup: Setup) -> Setup:
-    numerics = setup.case.numerics.model_copy(update={"stepper": "fast"})
-    return replace(setup, case=setup.case.model_copy(update={"numerics": numerics}))
+def shortened(case: Case, steps: int) -> Setup:
+    """The case set up to end after so many steps, with one output on the way."""
+    setup = build_setup(case)
+    end = steps * setup.time_step
+    return replace(setup, end_time=end, output_times=np.array([0.0, 0.4 * end, end]))
 
 
-def _nudged(setup: Setup) -> Setup:
+def nudged(setup: Setup) -> Setup:
     """The same with positions and velocities changed by one unit in the last place."""
     rng, state = np.random.default_rng(SEED), setup.state
 
@@ -84,3 +70,69 @@ def _nudged(setup: Setup) -> Setup:
     return replace(
         setup, state=replace(state, position=nudge(state.position), velocity=nudge(state.velocity))
     )
+
+
+def with_stepper(setup: Setup, stepper: str) -> Setup:
+    """The same, run by another stepper."""
+    numerics = setup.case.numerics.model_copy(update={"stepper": stepper})
+    return replace(setup, case=setup.case.model_copy(update={"numerics": numerics}))
+
+
+def apart(a: np.ndarray, b: np.ndarray, period: float = np.inf) -> float:
+    """The largest difference of two arrays, to the nearest image where they are periodic."""
+    away = np.abs(a - b)
+    return float(np.minimum(away, np.abs(period - away)).max())
+
+
+def allowed(steps: int, plain: np.ndarray, twin: np.ndarray, size: float, period: float = np.inf) -> float:
+    """By how much two right programs may differ after so many steps.
+
+    A step rounds each component less than ROUNDINGS times, by eps of its size (`timestep.round_off`), as
+    nudging the start by eps does once, and what is rounded later has less time to grow.  Two right programs
+    so differ by less than 2 ROUNDINGS times the steps times what a nudged twin of the plain one does, which
+    can show no less than eps of the `size` of what is compared.
+    """
+    return 2.0 * ROUNDINGS * steps * max(apart(plain, twin, period), EPS * size)
+
+
+def _beside(setup: Setup, steps: int, variant: str) -> list[Comparison]:
+    """Positions, velocities, masses, removal and contacts, by the plain and by the fast stepper."""
+    plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))
+    period = setup.model.length_x
+    reason = f"2 x {ROUNDINGS} roundings x {steps} steps, times what rounding the start makes of it"
+
+    def compared(name: str, unit: str, values: list[np.ndarray], period: float = np.inf) -> Comparison:
+        ours, theirs, twins = values
+        size = period if np.isfinite(period) else float(np.abs(ours).max())
+        bound, found = allowed(steps, ours, twins, size, period), apart(ours, theirs, period)
+        return row(f"fast_{name}", "", found, 0.0, bound, reason, unit, variant=variant)
+
+    runs = (plain, fast, twin)
+    lists = [_rows(run, setup.time_step) for run in (plain, fast)]
+    missed = (lists[0] - lists[1]).total() + (lists[1] - lists[0]).total()
+    return [
+        compared("position", "m", [run.positions for run in runs], period),
+        compared("velocity", "m/s", [run.velocities for run in runs]),
+        compared("mass", "kg", [run.masses for run in runs]),
+        compared("height", "m", [_z(run) for run in runs]),
+        *(
+            count(
+                f"fast_{name}", "", fast.history[name].iloc[-1], plain.history[name].iloc[-1],
+                "as many as the plain one finds", variant,
+            )
+            for name in ("contacts", "removals")
+        ),
+        count("fast_ledger", "", missed, 0, "rows of either ledger that the other has not", variant),
+    ]  # fmt: skip
+
+
+def _z(run: Run) -> np.ndarray:
+    assert run.surface is not None
+    return run.surface.z
+
+
+def _rows(run: Run, dt: float) -> Rows:
+    """Who meets whom in which step."""
+    found = run.contacts
+    steps = np.rint(found["time"] / dt).astype(int)
+    return Counter(zip(steps, found["kind"], found["i"], found["j"], strict=True))

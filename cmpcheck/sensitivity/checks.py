@@ -169,8 +169,10 @@ def bad_rows(
     if (COMPONENTS, "") in labels:
         with on():
             rows += check_components(
-                "" if mutant is None else mutant.file, _component_engines(mutant), in_process=True
-            )  # the error is on in this process only
+                "" if mutant is None else mutant.file, _component_engines(mutant), in_process=True,
+                profile="full" if mutant is None or mutant.file.startswith(FAST) else "quick",
+            )  # fmt: skip
+            # in process, for the error is on in this one only; many particles tell nothing of other files
     return [
         Noticed(
             r.case, r.variant, r.engine, r.quantity, r.status, r.error / r.tolerance if r.tolerance else None

@@ -167,7 +167,9 @@ def _before(plan: Plan, store: Store, child: Child) -> list[Noticed]:
     """The rows that are bad without any error."""
     kept = store.get(BEFORE, "rows")
     if kept is None:
-        kept = [asdict(row) for row in evaluate(child, plan.mutants, None, 0.0, plan.labels)]
+        kept = [  # label by label: the patience for one request is not that for compiling all
+            asdict(row) for label in plan.labels for row in evaluate(child, plan.mutants, None, 0.0, [label])
+        ]
         store.put(BEFORE, "rows", kept)
     return [Noticed(**row) for row in kept]
 

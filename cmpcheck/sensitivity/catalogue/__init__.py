@@ -13,6 +13,7 @@ from cmpcheck.sensitivity.catalogue import (
     drag,
     fast,
     lammps,
+    many,
     removal,
     setup,
     stepping,
@@ -28,6 +29,7 @@ CATALOGUE = (
     *stepping.MUTANTS,
     *setup.MUTANTS,
     *fast.MUTANTS,
+    *many.MUTANTS,
     *lammps.MUTANTS,
     *analysis.MUTANTS,
 )

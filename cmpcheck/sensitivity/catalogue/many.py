@@ -1,0 +1,83 @@
+"""Errors in the fast stepper's loop for many particles; the plain one, the answer key, does it right."""
+
+from __future__ import annotations
+
+from cmpcheck.sensitivity.mutants import Mutant
+
+FAST = "reference/fast"
+
+MUTANTS = (
+    Mutant(
+        "many: second of a pair", "the second particle of a pair receives another impulse than the first",
+        f"{FAST}/many.py:push_pairs", "s.jz[j] -= contact[2]", "s.jz[j] -= (1.0 + SIZE) * contact[2]",
+        0.01, "%",
+    ),
+    Mutant(
+        "many: piece of pairs", "the pairs of the last piece push nobody", f"{FAST}/many.py:push_pairs",
+        "for piece in range(met.near.size):", "for piece in range(met.near.size - 1):",
+    ),
+    Mutant(
+        "many: piece of particles", "the surface pushes nobody of the last piece",
+        f"{FAST}/many.py:march_many",
+        "for piece in range(found.hits.size):", "for piece in range(found.hits.size - 1):",
+    ),
+    Mutant(
+        "many: surface", "what the surface does is off by a factor", f"{FAST}/particle.py:hit_surface",
+        "s.jz[i] += normal * nz", "s.jz[i] += (1.0 + SIZE) * normal * nz", 0.01, "%",
+    ),
+    Mutant(
+        "many: pad", "the pad's impulse on one in contact is off by a factor", f"{FAST}/particle.py:depart",
+        "push if meets", "(1.0 + SIZE) * push if meets", 0.01, "%",
+    ),
+    Mutant(
+        "many: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/many.py:move_piece",
+        "s.under_pad[i] = -math.inf", "s.under_pad[i] = s.radius[i]",
+    ),
+    Mutant(
+        "many: pad and drag", "the pad's impulse is off by a factor where the drag is not linear",
+        f"{FAST}/particle.py:solve_special", "- pushed,", "- (1.0 + SIZE) * pushed,", 0.01, "%",
+    ),
+    Mutant(
+        "many: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/particle.py:renew",
+        "over = 4.0 *", "over = 4.0 / (1.0 + SIZE) *", 1.0, "% of Re^2",
+    ),
+    Mutant(
+        "many: drag in a contact", "the drag over the duration of a contact is off by a factor",
+        f"{FAST}/sweep.py:accelerate", "ax[i] = rate[i]", "ax[i] = (1.0 + SIZE) * rate[i]", 0.01, "%",
+    ),
+    Mutant(
+        "many: mass not picked up", "an impact that removes adds no mass",
+        f"{FAST}/particle.py:solve_special", "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]",
+        1.0, "% of the mass",
+    ),
+    Mutant(
+        "many: late look", "a particle is looked at one step after its time",
+        f"{FAST}/many.py:watch_piece", "due[i] <= step", "due[i] < step",
+    ),
+    Mutant(
+        "many: no look when thrown", "one that a contact throws out of its bounds is not looked at again",
+        f"{FAST}/many.py:move_piece", "w.due[i] = step + 1", "w.due[i] = w.due[i]",
+    ),
+    Mutant(
+        "many: other triangles", "only those triangles are looked at that were close at the last look",
+        f"{FAST}/particle.py:find_surface",
+        "steps = min(steps, int(known[i, K.until]) - step)", "known[i, K.until] = math.inf",
+    ),
+    Mutant(
+        "many: late list", "the list of pairs is kept for longer than it holds",
+        f"{FAST}/many.py:march_many",
+        "left -= 2.0 * dt * speed", "left -= (1.0 - SIZE) * 2.0 * dt * speed", 1.0, "% of the way",
+    ),
+    Mutant(
+        "many: ledger of a pair", "who is the first of a pair goes by places in memory",
+        f"{FAST}/many.py:push_pairs", "if order[i] > order[j]:", "if i > j:",
+    ),
+    Mutant(
+        "many: particle of a row", "a ledger row names the place in memory, not the particle",
+        f"{FAST}/many.py:march_many", "= order[int(rows[k, col.I])]", "= rows[k, col.I]",
+    ),
+    Mutant(
+        "many: masses brought back", "masses go back to the places in memory, not to their particles",
+        f"{FAST}/swarm.py:bring_back", "p.mass[k] = s.mass[i]", "p.mass[i] = s.mass[i]",
+    ),
+)  # fmt: skip
