@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cmpcheck.fixes.contacts import (
     impulse_contact,
     impulse_pad,
@@ -35,7 +37,9 @@ from cmpcheck.fixes.layout import (
     PER_NEWTON,
     PHASE,
     PICOGRAM,
+    SOFT,
 )
+from cmpcheck.fixes.press import press_down
 from cmpcheck.fixes.sweep import (
     SURELY,
     list_due,
@@ -122,15 +126,18 @@ def advance_particles(
     c.many, c.at_pad = many, 0
     for begin in range(0, tags.size, TOGETHER):
         end = min(begin + TOGETHER, tags.size)
+        count = end - begin
         if usual:
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
-            arguments = (
-                adds, c, step, strikes, kept, factor, x[rows_of_three], v[rows_of_three], f[rows_of_three],
-                radius[some], mass[some], travel[some], since[some],
-                given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+            arrays = (
+                x[rows_of_three], v[rows_of_three], f[rows_of_three], radius[some], mass[some], travel[some],
+                since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
+            arguments = (adds, c, step, strikes, kept, factor, *arrays)
             c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
-        count = list_due(travel[begin:end], local.due) if usual else end - begin
+            count = np.int64(list_due(travel[some], local.due))
+            if c.form == SOFT and count > 0:
+                count = np.int64(press_down(adds, c, *arrays, state[some], factor, local.due, count))
         for number in range(count):
             i = begin + local.due[number] if usual else begin + number
             contact = state[i]
