@@ -120,7 +120,8 @@ def take_step(c, step, adds, n, tags, x):
         floats(c.place_at, c.particles, 4),
         carray(pointer_to(c.fallen_at), (c.particles,), dtype=types.int64),
         carray(pointer_to(c.number_at), (c.particles,), dtype=types.int32),
-        carray(pointer_to(c.squares_at), (c.particles, MOST_SQUARES, 3), dtype=types.int32),
+        carray(pointer_to(c.sides_at), (c.particles, MOST_SQUARES), dtype=types.int32),
+        carray(pointer_to(c.corners_at), (c.particles, MOST_SQUARES, 8), dtype=types.float64),
     )
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows

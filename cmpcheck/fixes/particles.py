@@ -145,7 +145,7 @@ def advance_particles(
                 waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0
                 if is_left_alone(
                     c, step, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
-                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, heights, contact, near,
+                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, contact, near,
                 ):  # fmt: skip
                     if adds:
                         add_given(i, f, given)
