@@ -61,6 +61,7 @@ from reference.compiled import formula, inlined
 from reference.state import FLOW_NONE
 
 FEW = 50  # where one particle in so many is at the pad, that is done in the loop over all of them
+RECOUNTED = 256  # steps after which their number is asked for again
 TOGETHER = 256  # atoms that are swept before the next ones: what they need stays in the first cache
 
 
@@ -121,8 +122,10 @@ def advance_particles(
     if c.form == IMPULSE:
         strikes, kept = c.pad_velocity, c.ledger_speed
     many = c.form == IMPULSE and c.at_pad * FEW >= tags.size
-    if c.many and not many:
-        show_contacts(travel, since)
+    if c.many:  # how many there are by now is told by the other loop
+        many = step % RECOUNTED != 0
+        if not many:
+            show_contacts(travel, since)
     c.many, c.at_pad = many, 0
     for begin in range(0, tags.size, TOGETHER):
         end = min(begin + TOGETHER, tags.size)
@@ -134,7 +137,10 @@ def advance_particles(
                 since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
             arguments = (adds, c, step, strikes, kept, factor, *arrays)
-            c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
+            if many:
+                sweep_with_pad(*arguments)
+            else:
+                sweep(*arguments)
             count = np.int64(list_due(travel[some], local.due))
             if c.form == SOFT and count > 0:
                 count = np.int64(press_down(adds, c, *arrays, state[some], factor, local.due, count))
