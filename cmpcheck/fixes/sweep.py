@@ -182,9 +182,7 @@ def sweep(
     with (n, 3) the loop would not be vectorised.  `per_diameter` is drag over slip and diameter, kg/(s m).
     The pad acts on what rises faster than -`strikes`, m/s.
     """
-    sweep_form(
-        False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
-    )
+    sweep_form(False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given)
 
 
 @uncounted
@@ -196,9 +194,7 @@ def sweep_with_pad(
     In the impulse form it strikes those that come at it at less than `kept` (m/s), so that the ledger has no
     row of them, and holds back from those on which a pair force acts, for less than `patience` (s).
     """
-    sweep_form(
-        True, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
-    )
+    sweep_form(True, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given)
 
 
 @uncounted
