@@ -12,9 +12,9 @@ NODES, PLACES, MOVES = 9, 60, 20
 
 
 @kernel
-def looked_up(near, k, z, x, y, height, radius):
+def looked_up(near, k, x, y, height, radius):
     """`contact_nearby`, which is part of a loop elsewhere."""
-    return contact_nearby(near, k, z, SPACING, x, y, height, radius)
+    return contact_nearby(near, k, x, y, height, radius)
 
 
 @kernel
@@ -39,7 +39,7 @@ def test_remembered_squares_hold_the_contact_of_every_place_on_the_way(roughness
             step = rng.normal(size=3)
             there = place + 0.999 * way * step / np.linalg.norm(step)
             assert known(near, 0, 7, *there)
-            assert looked_up(near, 0, z, *there, RADIUS) == surface_contact(z, SPACING, *there, RADIUS)[:-1]
+            assert looked_up(near, 0, *there, RADIUS) == surface_contact(z, SPACING, *there, RADIUS)[:-1]
             tried += 1
     assert tried > PLACES * MOVES / 4
 

@@ -15,6 +15,7 @@ from cmpcheck.fixes.layout import (
     PICOGRAM,
     START,
     STATE_COLUMNS,
+    TOUCHING,
     WAITING,
 )
 from cmpcheck.fixes.memory import Memory
@@ -45,11 +46,14 @@ def layer(calm=True):
     ]  # fmt: skip
 
 
-def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, at_pad=0, adds=True):
+def advanced(
+    setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, at_pad=0, adds=True, contacts=None
+):
     """Forces after one step, and which particles have been looked at one by one; `known` tags before it.
 
     `kept` is the ledger's least speed, `at_pad` how many were at the pad at the last step.  What the fix
-    `adds` to the forces that were there must be that, once, for each particle.
+    `adds` to the forces that were there must be that, once, for each particle.  The contacts after the step
+    go to the list `contacts`.
     """
     state = setup.state
     memory = Memory(
@@ -67,6 +71,8 @@ def advanced(setup, arrays, form, last_step, travel=0.0, known=None, kept=0.0, a
         memory.local, memory.near,
     )  # fmt: skip
     assert c.error == NO_ERROR
+    if contacts is not None:
+        contacts.append(copies[6][:, :CLEARANCE])
     force = given.reshape(-1, GIVEN_COLUMNS)[:, FORCE : FORCE + 3]
     np.testing.assert_array_equal(copies[3], arrays[3] + force if adds else arrays[3])
     return force, list(np.flatnonzero(np.isfinite(copies[6][:, CLEARANCE])))
@@ -148,6 +154,29 @@ def test_many_at_the_pad_get_all_at_once_what_they_get_one_by_one():
     np.testing.assert_array_equal(few, alone)
     np.testing.assert_array_equal(together, alone)
     assert (alone[2::3, 2] < 0.0).any()
+
+
+@pytest.mark.nojit
+def test_soft_contacts_with_the_pad_go_on_together_as_one_by_one():
+    """Some end, some particles are faster than Stokes's law goes, and some have a pair force."""
+    setup, arrays = layer()
+    _, x, v, f, radius, _, state, _ = arrays
+    n = len(x)
+    x[:, 2] = setup.state.pad_height / MICRO - radius + 1e-4
+    v[:, 2], v[-5:, 0] = np.linspace(-0.5, 0.1, n), 3.0
+    f[::3] = 1e-3, -1e-3, 1e-3
+    state[:, PAD + PHASE], state[:, PAD : PAD + PHASE] = TOUCHING, 1e-15
+    contacts = []
+    alone, looked_at = advanced(setup, arrays, "soft", -1, contacts=contacts)
+    assert len(looked_at) == n
+    travel = np.full(n, MICRO)
+    travel[-8:-5] = 0.0  # the surface may be near
+    together, rest = advanced(setup, arrays, "soft", STEP - 1, travel=travel, contacts=contacts)
+    ended = np.flatnonzero(contacts[0][:, PAD + PHASE] != TOUCHING)
+    assert 0 < len(ended) < len(rest) < n - 5
+    assert {*ended, *range(n - 8, n)} <= set(rest)
+    np.testing.assert_array_equal(together, alone)
+    np.testing.assert_array_equal(contacts[1], contacts[0])
 
 
 @pytest.mark.nojit

@@ -109,7 +109,8 @@ def set_external_callback(lmp: Any, fix_id: str, callback: int, pointer: int) ->
     """Give `fix external` the address of its callback, and the pointer that it passes on.
 
     The fix is defined again, in its place, so that it leaves adding forces to the callback; but where the
-    number of the step is a multiple of NEVER, as 0 is, LAMMPS adds what is in the array that it hands over.
+    number of the step is a multiple of NEVER, as 0 is, LAMMPS adds what is in the array that it hands over:
+    zeros, with which it makes it, and that nobody writes over.
     Raises EngineError when the deck has no such fix, or LAMMPS was built with other integer sizes.
     """
     if not lmp.has_id("fix", fix_id):

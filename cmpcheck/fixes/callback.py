@@ -16,7 +16,6 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from cmpcheck.engines.lammps_library import NEVER
 from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import (
     BY_TAG_COLUMNS,
@@ -120,7 +119,8 @@ def take_step(c, step, adds, n, tags, x):
         floats(c.place_at, c.particles, 4),
         carray(pointer_to(c.fallen_at), (c.particles,), dtype=types.int64),
         carray(pointer_to(c.number_at), (c.particles,), dtype=types.int32),
-        carray(pointer_to(c.squares_at), (c.particles, MOST_SQUARES, 3), dtype=types.int32),
+        carray(pointer_to(c.sides_at), (c.particles, MOST_SQUARES), dtype=types.int32),
+        carray(pointer_to(c.corners_at), (c.particles, MOST_SQUARES, 8), dtype=types.float64),
     )
     rows = floats(c.rows_at, c.max_rows, LEDGER_COLUMNS)
     first = c.rows
@@ -157,11 +157,9 @@ def _observe(address, step):
     return 0
 
 
-def _callback(pointer, step, n, tags_at, x_at, force_at):
+def _callback(pointer, step, n, tags_at, x_at, _):
     c = carray(pointer, (1,), dtype=CONTEXT)[0]
     if n > 0:
-        if step % NEVER == 0:
-            carray(force_at[0], (3 * n,))[:] = 0.0
         adds = not (c.observe_pairs or is_sampled(c, step))
         take_step(c, step, adds, n, carray(tags_at, (n,)), carray(x_at[0], (3 * n,)))
         pairs = c.observe_pairs and (c.pushed > 0 or c.open > 0)  # what overlaps and approaches is pushed

@@ -98,7 +98,7 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
     spacing, free = c.model.spacing, state[PHASE] == FREE
     reach = (1.0 + SEARCH_MARGIN) * radius if free else radius
     if is_near(near, k, c.falls, x, y, z):
-        found, overlap, nx, ny, nz, qx, qy, qz = contact_nearby(near, k, heights, spacing, x, y, z, reach)
+        found, overlap, nx, ny, nz, qx, qy, qz = contact_nearby(near, k, x, y, z, reach)
     else:
         found, overlap, nx, ny, nz, qx, qy, qz, _ = surface_contact(heights, spacing, x, y, z, reach)
         way = min(STEPS_AHEAD * c.time_step * speed, WIDEST * radius)
@@ -111,7 +111,7 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
 
 
 @inlined
-def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contact, near):
+def is_left_alone(c, step, k, position, velocity, waits, radius, contact, near):
     """Whether `impulse_contact` would do nothing for particle k, which overlaps what it may touch.
 
     So it is as long as it goes away from the surface, and while a contact waits.
@@ -119,7 +119,7 @@ def is_left_alone(c, step, k, position, velocity, waits, radius, heights, contac
     x, y, z = position
     if not is_near(near, k, c.falls, x, y, z):
         return False
-    found, overlap, nx, ny, nz, _, _, _ = contact_nearby(near, k, heights, c.model.spacing, x, y, z, radius)
+    found, overlap, nx, ny, nz, _, _, _ = contact_nearby(near, k, x, y, z, radius)
     if not (found and overlap > 0.0):
         return False
     if velocity[0] * nx + velocity[1] * ny + velocity[2] * nz < 0.0:

@@ -133,7 +133,8 @@ CONTEXT = np.dtype(
         ("place_at", "i8"),  # and those of near.Near
         ("fallen_at", "i8"),
         ("number_at", "i8"),
-        ("squares_at", "i8"),
+        ("sides_at", "i8"),
+        ("corners_at", "i8"),
         ("modulus_at", "i8"),
         ("heights_at", "i8"),
         ("rows_at", "i8"),

@@ -30,7 +30,8 @@ class Near(NamedTuple):
     place: np.ndarray  # (N, 4), where it was searched from, and how far it may go, m; -1: nothing is known
     fallen: np.ndarray  # (N,), how often the surface had fallen
     number: np.ndarray  # (N,), how many squares
-    squares: np.ndarray  # (N, MOST_SQUARES, 3), i and j, not wrapped; 1, 2 or 3: first triangle, second, both
+    sides: np.ndarray  # (N, MOST_SQUARES), of each square the first triangle, 1, the second, 2, or both, 3
+    corners: np.ndarray  # (N, MOST_SQUARES, 8), its x0, x1, y0, y1, z00, z10, z01, z11, m
 
 
 def empty_near(n: int) -> Near:
@@ -38,8 +39,9 @@ def empty_near(n: int) -> Near:
     place = np.zeros((n, 4))
     place[:, 3] = -1.0
     return Near(
-        place, np.zeros(n, np.int64), np.zeros(n, np.int32), np.zeros((n, MOST_SQUARES, 3), dtype=np.int32)
-    )
+        place, np.zeros(n, np.int64), np.zeros(n, np.int32), np.zeros((n, MOST_SQUARES), dtype=np.int32),
+        np.zeros((n, MOST_SQUARES, 8)),
+    )  # fmt: skip
 
 
 @inlined
@@ -49,16 +51,6 @@ def is_near(near, k, falls, px, py, pz):
         return False
     dx, dy, dz, way = px - near.place[k, 0], py - near.place[k, 1], pz - near.place[k, 2], near.place[k, 3]
     return way >= 0.0 and dx * dx + dy * dy + dz * dz <= way * way
-
-
-@inlined
-def wrapped(index, count):
-    """`index` modulo `count`, for one that is seldom outside of 0 ... count - 1."""
-    while index < 0:
-        index += count
-    while index >= count:
-        index -= count
-    return index
 
 
 @inlined
@@ -76,23 +68,20 @@ def closest_of(side, px, py, pz, x0, x1, y0, y1, z00, z10, z01, z11):
 
 
 @inlined
-def contact_nearby(near, k, z, spacing, px, py, pz, radius):
+def contact_nearby(near, k, px, py, pz, radius):
     """Contact of particle k with its squares, what `surface_contact` returns but the triangle."""
-    n_x, n_y = z.shape
     best, qx, qy, qz, found = radius * radius, 0.0, 0.0, 0.0, False
-    for m in range(near.number[k]):
-        i, j, sides = near.squares[k, m, 0], near.squares[k, m, 1], near.squares[k, m, 2]
-        x0, x1, y0, y1 = i * spacing, (i + 1) * spacing, j * spacing, (j + 1) * spacing
-        i0, j0 = wrapped(i, n_x), wrapped(j, n_y)
-        i1 = i0 + 1 if i0 + 1 < n_x else 0
-        j1 = j0 + 1 if j0 + 1 < n_y else 0
-        z00, z10, z01, z11 = z[i0, j0], z[i1, j0], z[i0, j1], z[i1, j1]
+    for m in range(np.uint32(near.number[k])):
+        x0, x1 = near.corners[k, m, 0], near.corners[k, m, 1]
+        y0, y1 = near.corners[k, m, 2], near.corners[k, m, 3]
+        z00, z10 = near.corners[k, m, 4], near.corners[k, m, 5]
+        z01, z11 = near.corners[k, m, 6], near.corners[k, m, 7]
         away_x, away_y = beyond(px, x0, x1), beyond(py, y0, y1)
         away_z = beyond(pz, min(z00, z10, z01, z11), max(z00, z10, z01, z11))
         if away_x * away_x + away_y * away_y + away_z * away_z > best:
             continue
         for side in range(2):
-            if sides & (1 + side):
+            if near.sides[k, m] & (1 + side):
                 x, y, z_side = closest_of(side, px, py, pz, x0, x1, y0, y1, z00, z10, z01, z11)
                 square = (x - px) ** 2 + (y - py) ** 2 + (z_side - pz) ** 2
                 if square < best:
@@ -135,8 +124,9 @@ def remember(near, k, falls, z, spacing, px, py, pz, distance, way):
             if sides > 0:
                 if count == MOST_SQUARES:
                     return
-                near.squares[k, count, 0], near.squares[k, count, 1] = i, j
-                near.squares[k, count, 2] = sides
+                near.sides[k, count] = sides
+                for column, corner in enumerate((x0, x1, y0, y1, z00, z10, z01, z11)):
+                    near.corners[k, count, column] = corner
                 count += 1
     near.place[k, 0], near.place[k, 1], near.place[k, 2], near.place[k, 3] = px, py, pz, way
     near.fallen[k], near.number[k] = falls, count

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cmpcheck.fixes.contacts import (
     impulse_contact,
     impulse_pad,
@@ -35,7 +37,9 @@ from cmpcheck.fixes.layout import (
     PER_NEWTON,
     PHASE,
     PICOGRAM,
+    SOFT,
 )
+from cmpcheck.fixes.press import press_down
 from cmpcheck.fixes.sweep import (
     SURELY,
     list_due,
@@ -57,6 +61,7 @@ from reference.compiled import formula, inlined
 from reference.state import FLOW_NONE
 
 FEW = 50  # where one particle in so many is at the pad, that is done in the loop over all of them
+RECOUNTED = 256  # steps after which their number is asked for again
 TOGETHER = 256  # atoms that are swept before the next ones: what they need stays in the first cache
 
 
@@ -117,20 +122,28 @@ def advance_particles(
     if c.form == IMPULSE:
         strikes, kept = c.pad_velocity, c.ledger_speed
     many = c.form == IMPULSE and c.at_pad * FEW >= tags.size
-    if c.many and not many:
-        show_contacts(travel, since)
+    if c.many:  # how many there are by now is told by the other loop
+        many = step % RECOUNTED != 0
+        if not many:
+            show_contacts(travel, since)
     c.many, c.at_pad = many, 0
     for begin in range(0, tags.size, TOGETHER):
         end = min(begin + TOGETHER, tags.size)
+        count = end - begin
         if usual:
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
-            arguments = (
-                adds, c, step, strikes, kept, factor, x[rows_of_three], v[rows_of_three], f[rows_of_three],
-                radius[some], mass[some], travel[some], since[some],
-                given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+            arrays = (
+                x[rows_of_three], v[rows_of_three], f[rows_of_three], radius[some], mass[some], travel[some],
+                since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
             )  # fmt: skip
-            c.at_pad += sweep_with_pad(*arguments) if many else sweep(*arguments)
-        count = list_due(travel[begin:end], local.due) if usual else end - begin
+            arguments = (adds, c, step, strikes, kept, factor, *arrays)
+            if many:
+                sweep_with_pad(*arguments)
+            else:
+                sweep(*arguments)
+            count = np.int64(list_due(travel[some], local.due))
+            if c.form == SOFT and count > 0:
+                count = np.int64(press_down(adds, c, *arrays, state[some], factor, local.due, count))
         for number in range(count):
             i = begin + local.due[number] if usual else begin + number
             contact = state[i]
@@ -138,7 +151,7 @@ def advance_particles(
                 waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0
                 if is_left_alone(
                     c, step, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
-                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, heights, contact, near,
+                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, contact, near,
                 ):  # fmt: skip
                     if adds:
                         add_given(i, f, given)

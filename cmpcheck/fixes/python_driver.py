@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cmpcheck.engines.lammps_library import CALLBACK, NEVER, per_atom
+from cmpcheck.engines.lammps_library import CALLBACK, per_atom
 from cmpcheck.fixes import particles, plain
 from cmpcheck.fixes.contacts import lower_pad
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, GIVEN_COLUMNS, MICRO, NO_ERROR, STATE_COLUMNS
@@ -35,13 +35,10 @@ class PythonCallback:
         """Address of the C form of this callback."""
         return ctypes.cast(self._function, ctypes.c_void_p).value or 0
 
-    def _call(self, _: Any, step: int, n: int, tags_at: Any, x_at: Any, force_at: Any) -> None:
+    def _call(self, _: Any, step: int, n: int, tags_at: Any, x_at: Any, __: Any) -> None:
         tags = np.ctypeslib.as_array(tags_at, shape=(n,)) if n else np.empty(0, np.int32)
         x = np.ctypeslib.as_array(x_at[0], shape=(n, 3)) if n else np.empty((0, 3))
-        force = np.ctypeslib.as_array(force_at[0], shape=(n, 3)) if n else np.empty((0, 3))
         try:
-            if step % NEVER == 0:
-                force[:] = 0.0
             self._step(step, tags, x)
         except BaseException as failure:  # LAMMPS would print it and go on
             self.failure = self.failure or failure

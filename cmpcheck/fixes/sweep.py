@@ -133,7 +133,6 @@ def sweep_form(
         per_reynolds = model.fluid_density / model.viscosity  # Re over slip and diameter, s/m2
     pad = pad_height if model.has_pad else math.inf
     enough = 0.0 if adds else math.inf  # m: who has more way left gets its forces here
-    done = 0
     for i in range(mass.size):
         j = 3 * i
         z, vx, vy, vz = x[j + 2] * MICRO, v[j], v[j + 1], v[j + 2]
@@ -145,15 +144,13 @@ def sweep_form(
         inside = z + radius[i] * MICRO - pad
         reason = inside if inside < approach else approach  # why not: above 0 one has to be looked at
         if with_pad:
-            calm = reason <= 0.0
-            waits = (fx != 0.0) | (fy != 0.0) | (fz != 0.0)
+            pushed = abs(fx) + abs(fy) + abs(fz)
             no_contact = since[i] != since[i]
-            struck = (not calm) & no_contact & (not waits) & (approach < kept)
-            held = (not calm) & waits & ((now - since[i]) * dt < patience)
+            struck = (reason > 0.0) & no_contact & (pushed <= 0.0) & (approach < kept)
+            held = (reason > 0.0) & (pushed > 0.0) & ((now - since[i]) * dt < patience)
             push = surface_normal_impulse(m, -approach, model.pad_restitution) / dt
             ez -= push if struck else 0.0
-            done += struck | held
-            reason = 1.0 - (struck | held | (calm & no_contact))
+            reason = 0.0 if struck | held | ((reason <= 0.0) & no_contact) else 1.0
         else:
             reason = reason if reason > -travel[i] else -travel[i]
         ex, ey, ez = ex * PER_NEWTON, ey * PER_NEWTON, ez * PER_NEWTON
@@ -171,7 +168,6 @@ def sweep_form(
         travel[i], added = left, left > enough
         ex, ey, ez = ex if added else NOTHING, ey if added else NOTHING, ez if added else NOTHING
         f[j], f[j + 1], f[j + 2] = fx + ex, fy + ey, fz + ez
-    return done
 
 
 @uncounted
@@ -184,25 +180,21 @@ def sweep(
     surface may be touched; and where a number is not finite.  When the fix `adds`, the drag of those with way
     left is added to `f`.  x, v, f and `given` are rows, one behind the other, (3 n,) and (GIVEN_COLUMNS n,):
     with (n, 3) the loop would not be vectorised.  `per_diameter` is drag over slip and diameter, kg/(s m).
-    The pad acts on what rises faster than -`strikes`, m/s.  Returns 0.
+    The pad acts on what rises faster than -`strikes`, m/s.
     """
-    return sweep_form(
-        False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
-    )
+    sweep_form(False, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given)
 
 
 @uncounted
 def sweep_with_pad(
     adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
 ):  # fmt: skip
-    """As `sweep`, and what the pad does to most: how many it was.  For when many particles are at the pad.
+    """As `sweep`, and what the pad does to most.  For when many particles are at the pad.
 
     In the impulse form it strikes those that come at it at less than `kept` (m/s), so that the ledger has no
     row of them, and holds back from those on which a pair force acts, for less than `patience` (s).
     """
-    return sweep_form(
-        True, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given
-    )
+    sweep_form(True, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given)
 
 
 @uncounted
