@@ -14,7 +14,7 @@ MUTANTS = (
     ),
     Mutant(
         "fast: second of a pair", "the second particle of a pair receives another impulse than the first",
-        f"{FAST}/few.py:march", "jz[j] -= c[B.jz + k]", "jz[j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
+        f"{FAST}/few.py:march", "flat[A.jz + j] -= c[B.jz + k]", "flat[A.jz + j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
     ),
     Mutant(
         "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
@@ -54,7 +54,12 @@ MUTANTS = (
         "for k in range(-span, span + 2):", "for k in range(0, 1):",
     ),
     Mutant(
+        "fast: drag in a contact", "the drag over the duration of a contact is off by a factor",
+        f"{FAST}/pairs.py:acceleration",
+        "return rate * (shear * z - vx)", "return (1.0 + SIZE) * rate * (shear * z - vx)", 0.01, "%",
+    ),
+    Mutant(
         "fast: mass not picked up", "an impact that removes adds no mass", f"{FAST}/few.py:march",
-        "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]", 1.0, "% of the mass",
+        "flat[A.mass + i] += gained", "flat[A.mass + i] += (1.0 - SIZE) * gained", 1.0, "% of the mass",
     ),
 )  # fmt: skip

@@ -30,7 +30,7 @@ MUTANTS = (
         "push if meets", "(1.0 + SIZE) * push if meets", 0.01, "%",
     ),
     Mutant(
-        "many: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/many.py:move_piece",
+        "many: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/particle.py:depart",
         "s.under_pad[i] = -math.inf", "s.under_pad[i] = s.radius[i]",
     ),
     Mutant(
@@ -40,10 +40,6 @@ MUTANTS = (
     Mutant(
         "many: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/particle.py:renew",
         "over = 4.0 *", "over = 4.0 / (1.0 + SIZE) *", 1.0, "% of Re^2",
-    ),
-    Mutant(
-        "many: drag in a contact", "the drag over the duration of a contact is off by a factor",
-        f"{FAST}/sweep.py:accelerate", "ax[i] = rate[i]", "ax[i] = (1.0 + SIZE) * rate[i]", 0.01, "%",
     ),
     Mutant(
         "many: mass not picked up", "an impact that removes adds no mass",
