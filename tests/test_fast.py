@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from polish_example import small_polish
 
+import reference
 from cmpcheck.components.row import EPS
 from cmpcheck.components.steppers import allowed, apart, nudged, shortened, with_stepper
 from reference.case import Case, load_case
@@ -233,3 +236,14 @@ def test_the_same_without_the_jit():
     bound = allowed(60, run.positions, twin.positions, setup.model.length_x)
     assert contacts == len(run.contacts)
     assert apart(run.positions, np.array(positions)) <= bound < 1e-9 * setup.model.length_x
+
+
+def test_nothing_is_compiled_that_may_be_rounded_otherwise_by_another_compiler():
+    """No operations fused or in another order: what is taken as given is NaN and the sign of a zero alone."""
+    flags = {}
+    for module in pkgutil.walk_packages(reference.__path__, "reference."):
+        for name, found in vars(importlib.import_module(module.name)).items():
+            if hasattr(found, "targetoptions"):
+                flags[name] = set(found.targetoptions.get("fastmath") or ())
+    assert flags["highest_of"]  # the one function that has some, so that the search sees them
+    assert set().union(*flags.values()) <= {"nsz", "nnan"}
