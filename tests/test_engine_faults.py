@@ -103,7 +103,7 @@ def test_what_an_engine_has_started_ends_with_it(tmp_path):
     line = '\nif "${driver} != standalone'
     decks = deck_with(tmp_path, "pair_slip", "", line, f'shell "echo $$ > {mark}; sleep 1000"')
     with pytest.raises(EngineError, match="no answer"):
-        run(LammpsEngine(decks), with_timeout("pair_slip", "lammps", "2 s"))
+        run(LammpsEngine(decks), with_timeout("pair_slip", "lammps", "20 s"))
     for _ in range(100):
         if not _runs(int(mark.read_text())):
             return
