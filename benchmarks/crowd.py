@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 import subprocess
 import sys
@@ -19,14 +18,14 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.scaling import BASE, GOAL, resident
-from reference.case import load_case
-from reference.fast.stepper import MANY, advance_fast
+from cmpcheck.components.steppers import crowded
+from reference.fast.stepper import advance_fast
+from reference.fast.swarm import MANY
 from reference.fast.threads import most_threads
 from reference.ledger import empty_ledger
 from reference.process import build_setup
 from reference.schemes import Numerics
 from reference.simulation import LEAST_STEPS
-from reference.state import Setup
 from reference.timestep import DONE, LEDGER_FULL, P, new_progress
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
@@ -34,21 +33,9 @@ CALLS = 2  # measured, after the first
 ROWS = 1 << 16
 
 
-def crowd(count: int) -> Setup:
-    """`polish_pair` with `count` particles at its density."""
-    case = load_case("polish_pair")
-    assert case.particles is not None
-    assert case.surface.nodes is not None
-    nodes = round(case.surface.nodes * math.sqrt(count / case.particles.count))
-    spacing = case.surface.size / case.surface.nodes
-    return build_setup(
-        case.replaced({"particles.count": count, "surface.nodes": nodes, "surface.size": spacing * nodes})
-    )
-
-
 def one_size(count: int) -> dict[str, Any]:
     """Seconds of a particle-step, bytes that the steps needed at most, and a digest of where they led to."""
-    setup = crowd(count)
+    setup = build_setup(crowded(count, {}))
     state, before = setup.state, resident("VmRSS")
     numerics = Numerics(setup.time_step, False, 1e-6, 8, False, False, setup.case.numerics.ledger_speed)
     scalars, rows = new_progress(), empty_ledger(ROWS)

@@ -17,7 +17,7 @@ from cmpcheck.components import steppers
 from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
 from cmpcheck.suite import run_work
 from cmpcheck.suite_parts import ComponentTask
-from reference.fast.stepper import MANY
+from reference.fast.swarm import MANY
 from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
 from reference.simulation import simulate_setup
 from reference.state import Setup

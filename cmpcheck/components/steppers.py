@@ -15,7 +15,7 @@ from cmpcheck.components.row import EPS, count, row
 from cmpcheck.components.runs import changed
 from cmpcheck.results import Comparison
 from reference.case import Case, load_case
-from reference.fast.stepper import MANY
+from reference.fast.swarm import MANY
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup

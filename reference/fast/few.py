@@ -196,10 +196,10 @@ def march(
             if fresh:
                 mean_x, mean_y = mean(f.vx, n), mean(f.vy, n)
                 drift = math.hypot(mean_x, mean_y)
-                for i in range(n):
-                    flat[A.pace + i] = fastest(
-                        flat[A.x_low + i], flat[A.x_high + i], flat[A.y_low + i], flat[A.y_high + i],
-                        flat[A.z_low + i], flat[A.z_high + i], mean_x, mean_y,
+                for k in range(n):
+                    flat[A.pace + k] = fastest(
+                        flat[A.x_low + k], flat[A.x_high + k], flat[A.y_low + k], flat[A.y_high + k],
+                        flat[A.z_low + k], flat[A.z_high + k], mean_x, mean_y,
                     )  # fmt: skip
                 fresh = False
             near = list_narrow_of(s, lists, skin, periods, 0, lists.narrow.size // 2)
@@ -389,9 +389,9 @@ def march(
             flat[A.vx + i], flat[A.vy + i], flat[A.vz + i] = wx, wy, wz
             flat[A.jx + i], flat[A.jy + i], flat[A.jz + i] = 0.0, 0.0, 0.0
         if some_nonlinear > 0:
-            for i in range(n):
-                if nonlinear[i] and touch_step[i] != step:
-                    keep(special, kept, n_special, i, flat)
+            for k in range(n):
+                if nonlinear[k] and touch_step[k] != step:
+                    keep(special, kept, n_special, k, flat)
                     n_special += 1
 
         # drag and motion of all

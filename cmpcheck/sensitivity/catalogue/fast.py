@@ -14,7 +14,8 @@ MUTANTS = (
     ),
     Mutant(
         "fast: second of a pair", "the second particle of a pair receives another impulse than the first",
-        f"{FAST}/few.py:march", "flat[A.jz + j] -= c[B.jz + k]", "flat[A.jz + j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
+        f"{FAST}/few.py:march",
+        "flat[A.jz + j] -= c[B.jz + k]", "flat[A.jz + j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
     ),
     Mutant(
         "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
