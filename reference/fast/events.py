@@ -18,7 +18,7 @@ from reference.collisions import (
     record_pair_contact,
     strike_surface,
 )
-from reference.compiled import inlined, kernel
+from reference.compiled import kernel, part
 from reference.contact import compression_impulse, effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
 from reference.timestep import P, wrap
@@ -67,7 +67,7 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows,
     return row
 
 
-@inlined
+@part
 def bounce(model, dt, mass, radius, modulus, closing, acceleration):
     """Impulse (N s) of the surface on a particle that comes down at `closing` > 0 (m/s), and duration (s).
 

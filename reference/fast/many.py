@@ -19,12 +19,12 @@ from reference.fast.events import record_pad, record_pair, take_off
 from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
-    K,
+    COLUMNS,
+    box_holds,
     check_thrown,
     depart,
     find_surface,
     hit_surface,
-    in_box,
     keep,
     pace_of,
     renew,
@@ -34,7 +34,7 @@ from reference.fast.particle import (
 )
 from reference.fast.sweep import fast_on_pad, glide, highest_of
 from reference.fast.threads import PAIRS, PIECE, pieces_of, piecework, prefetch, threaded
-from reference.fast.watch import AHEAD
+from reference.fast.watch import AHEAD, MOST_CLOSE
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
@@ -102,8 +102,8 @@ def watch_piece(
         count += int(due[i] <= step)
     for k in range(begin, begin + count):
         i = listed[k]
-        prefetch(known, i)
-        prefetch(w.close, i)
+        prefetch(known, COLUMNS * i)
+        prefetch(w.close, 3 * MOST_CLOSE * i)
         prefetch(s.mass, i)
         prefetch(s.drag, i)
     if model.has_surface:
@@ -115,7 +115,7 @@ def watch_piece(
             prefetch(w.changed[a], b)
     for k in range(begin, begin + count):
         i = listed[k]
-        same_box = step < known[i, K.renewed] and in_box(w.known, i, s.vx[i], s.vy[i], s.vz[i])
+        same_box = box_holds(w.known, i, step, s.vx[i], s.vy[i], s.vz[i])
         if not same_box:
             change += renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y)
             pace = max(pace, w.pace[i])

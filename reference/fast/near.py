@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import inlined, kernel
+from reference.compiled import kernel, part
 from reference.contact import effective_modulus
 from reference.neighbors import minimum_image, neighbor_pairs
 from reference.timestep import wrap
@@ -22,7 +22,7 @@ FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
 
 
-@inlined
+@part
 def shift_to_image(distance, period, half):
     """What a difference of two wrapped positions lacks of that to the nearest image, m.
 
@@ -35,7 +35,7 @@ def shift_to_image(distance, period, half):
     return 0.0
 
 
-@inlined
+@part
 def nearest_image(distance, period, half):
     """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
     return distance + shift_to_image(distance, period, half)
@@ -177,7 +177,7 @@ def list_narrow_of(s, lists, skin, periods, first, last):
     return at - first
 
 
-@inlined
+@part
 def fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y):
     """The highest speed in a box of velocities, relative to a mean, m/s."""
     a, b, c = max(x_high - mean_x, mean_x - x_low), max(y_high - mean_y, mean_y - y_low), max(z_high, -z_low)

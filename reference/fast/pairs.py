@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.collisions import drag_on
-from reference.compiled import inlined, kernel
+from reference.compiled import kernel, part
 from reference.contact import HERTZ
 from reference.fast.near import FACTS, F, nearest_image
 from reference.state import FLOW_COUETTE
@@ -58,7 +58,7 @@ def batch():
     return np.ones(len(B) * LANES)
 
 
-@inlined
+@part
 def fill_up(c, met):
     """Have the lanes that are left of the last vector register repeat the first; return how many are used."""
     lanes = (met + REGISTER - 1) // REGISTER * REGISTER
@@ -68,7 +68,7 @@ def fill_up(c, met):
     return lanes
 
 
-@inlined
+@part
 def approach(c, lanes):
     """Unit vectors, effective masses, speeds of separation, and what Hertz's duration depends on."""
     for k in range(lanes):
@@ -82,14 +82,14 @@ def approach(c, lanes):
         c[B.hertz + k] = -c[B.rigid + k] * separation / (m_eff * m_eff)
 
 
-@inlined
+@part
 def guess_durations(bits, lanes):
     """q^(-1/5) within some percent, from the bits of q: there Newton's iteration starts."""
     for k in range(lanes):
         bits[B.duration + k] = ROOT_BITS - int(0.2 * bits[B.hertz + k])
 
 
-@inlined
+@part
 def durations(c, lanes):
     """Durations 2.87 q^(-1/5), q = R E*^2 v/m*^2 > 0: `impact_duration`, s."""
     for k in range(lanes):
@@ -100,7 +100,7 @@ def durations(c, lanes):
         c[B.duration + k] = HERTZ * y
 
 
-@inlined
+@part
 def impulses(c, lanes, restitution, static_friction, dynamic_friction, dt):
     """Impulses that the first particles receive."""
     for k in range(lanes):
@@ -112,7 +112,7 @@ def impulses(c, lanes, restitution, static_friction, dynamic_friction, dt):
         )  # fmt: skip
 
 
-@inlined
+@part
 def impulse_on_first(
     restitution,
     static_friction,
@@ -146,7 +146,7 @@ def impulse_on_first(
     return factor * wx - normal * nx, factor * wy - normal * ny, factor * wz - normal * nz
 
 
-@inlined
+@part
 def acceleration(model, nonlinear, shear, pad_height, rate, mass, radius, z, vx, vy, vz):
     """External force on a particle over its mass, E/m with `collisions.drag_on`, three components in m/s2.
 
@@ -160,7 +160,7 @@ def acceleration(model, nonlinear, shear, pad_height, rate, mass, radius, z, vx,
     return rate * (model.flow_x - vx), rate * (model.flow_y - vy), rate * (model.flow_z - vz)
 
 
-@inlined
+@part
 def acceleration_in(model, s, nonlinear, shear, pad_height, i):
     """`acceleration` of particle i of the swarm `s`."""
     return acceleration(
@@ -169,7 +169,7 @@ def acceleration_in(model, s, nonlinear, shear, pad_height, i):
     )  # fmt: skip
 
 
-@inlined
+@part
 def impulses_of_batch(model, dt, c, bits, met):
     """Impulses and durations of the `met` contacts of the batch `c`, whose memory as integers is `bits`."""
     lanes = fill_up(c, met)
@@ -183,7 +183,7 @@ def impulses_of_batch(model, dt, c, bits, met):
     impulses(c, lanes, model.restitution, model.static_friction, model.dynamic_friction, dt)
 
 
-@inlined
+@part
 def next_batch(
     model, fixed, s, lists, nonlinear, shear, pad_height, pair, end, meeting, c, bits
 ):  # fmt: skip

@@ -1,7 +1,7 @@
-"""What is done for one particle in a step of the fast stepper's loop for many, and what is known of it.
+"""What is done for one particle in a step of the fast stepper, and what is known of it.
 
-Which particles come when, and in which order what they do to each other is added up, is decided in `many.py`.
-The loop for few (`few.py`) has the same steps written in its own scalars, which is a quarter faster there.
+Which particles come when, and in which order what they do to each other is added up, is decided in `few.py`
+and `many.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import formula, inlined, kernel
+from reference.compiled import formula, kernel, part
 from reference.contact import surface_normal_impulse
 from reference.fast.events import bounce, strike
 from reference.fast.near import fastest
@@ -57,10 +57,10 @@ class Watch(NamedTuple):
     """When each of N particles is looked at, and what is known of it."""
 
     due: np.ndarray  # (N,), step in which it is looked at
-    known: np.ndarray  # (N, COLUMNS), see `Known`
+    known: np.ndarray  # (COLUMNS N,), see `Known`
     pace: np.ndarray  # (N,), highest speed in the box, relative to the mean of all, m/s
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
-    close: np.ndarray  # (N, MOST_CLOSE, 3), squares and sides of triangles that may be touched soon
+    close: np.ndarray  # (3 MOST_CLOSE N,), squares and sides of triangles that may be touched soon
     number: np.ndarray  # (N,), how many
     changed: np.ndarray  # (nx, ny), step of the last removal near a square
 
@@ -69,8 +69,8 @@ class Watch(NamedTuple):
 def know_all(n, shape):
     """All particles are looked at in step 0; the surface has squares of this `shape`."""
     return Watch(
-        np.zeros(n, np.int64), np.zeros((n, COLUMNS)), np.zeros(n), np.zeros(n, np.bool_),
-        np.zeros((n, MOST_CLOSE, 3), np.int32), np.zeros(n, np.int64), np.full(shape, -1),
+        np.zeros(n, np.int64), np.zeros(COLUMNS * n), np.zeros(n), np.zeros(n, np.bool_),
+        np.zeros(3 * MOST_CLOSE * n, np.int32), np.zeros(n, np.int64), np.full(shape, -1),
     )  # fmt: skip
 
 
@@ -121,7 +121,7 @@ def fixed_of(model, numerics, dt, largest, mapped_within):
     )  # fmt: skip
 
 
-@inlined
+@part
 def shear_of(model, pad_height):
     """Shear rate of a Couette flow under a pad or over its gap, 1/s; 0 in another flow."""
     if model.flow != FLOW_COUETTE:
@@ -129,33 +129,41 @@ def shear_of(model, pad_height):
     return model.wall_speed / (pad_height if model.has_pad else model.gap)
 
 
-@inlined
+@part
 def pace_of(known, i, mean_x, mean_y):
     """The highest speed in the box of particle i, relative to a mean, m/s."""
+    row = COLUMNS * i
     return fastest(
-        known[i, K.x_low], known[i, K.x_high], known[i, K.y_low], known[i, K.y_high], known[i, K.z_low],
-        known[i, K.z_high], mean_x, mean_y,
+        known[row + K.x_low], known[row + K.x_high], known[row + K.y_low], known[row + K.y_high],
+        known[row + K.z_low], known[row + K.z_high], mean_x, mean_y,
     )  # fmt: skip
 
 
-@inlined
+@part
 def in_box(known, i, vx, vy, vz):
     """Whether a velocity of particle i is within its box."""
-    inside = (known[i, K.x_low] <= vx) & (vx <= known[i, K.x_high])
-    inside &= (known[i, K.y_low] <= vy) & (vy <= known[i, K.y_high])
-    return inside & (known[i, K.z_low] <= vz) & (vz <= known[i, K.z_high])
+    row = COLUMNS * i
+    inside = (known[row + K.x_low] <= vx) & (vx <= known[row + K.x_high])
+    inside &= (known[row + K.y_low] <= vy) & (vy <= known[row + K.y_high])
+    return inside & (known[row + K.z_low] <= vz) & (vz <= known[row + K.z_high])
 
 
-@inlined
+@part
+def box_holds(known, i, step, vx, vy, vz):
+    """Whether particle i, looked at in `step`, needs no new box."""
+    return step < known[COLUMNS * i + K.renewed] and in_box(known, i, vx, vy, vz)
+
+
+@part
 def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
     """Give particle i a new box; return 1, -1 or 0: how many more may have drag that is not linear."""
-    known = w.known
+    known, row = w.known, COLUMNS * i
     x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
         model, fixed.dt, pad_height, fixed.margin, s.drag[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
     )
-    known[i, K.x_low], known[i, K.x_high], known[i, K.y_low] = x_low, x_high, y_low
-    known[i, K.y_high], known[i, K.z_low], known[i, K.z_high] = y_high, z_low, z_high
-    known[i, K.renewed] = step + HORIZON - AHEAD - 1
+    known[row + K.x_low], known[row + K.x_high], known[row + K.y_low] = x_low, x_high, y_low
+    known[row + K.y_high], known[row + K.z_low], known[row + K.z_high] = y_high, z_low, z_high
+    known[row + K.renewed] = step + HORIZON - AHEAD - 1
     w.pace[i] = pace_of(known, i, mean_x, mean_y)
     over = 4.0 * s.radius[i] * s.radius[i] * slip > fixed.slip_limit
     # nor can the sweep wrap a particle that crosses the box in one step
@@ -165,44 +173,45 @@ def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
     return int(over) - int(before)
 
 
-@inlined
+@part
 def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     """Look for the surface around particle i: (touching, nx, ny, nz, qx, qy, qz, steps), see `watch.look`.
 
     `above` is the map of the surface's maxima; `same_box` says that the box is that of the last look.
     """
-    known, close, number, changed = w.known, w.close, w.number, w.changed
+    known, row = w.known, COLUMNS * i
+    close, number, changed = w.close, w.number, w.changed
     x, y, z, radius = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y), s.z[i], s.radius[i]
-    x_low, x_high, y_low = known[i, K.x_low], known[i, K.x_high], known[i, K.y_low]
-    y_high, z_low, z_high = known[i, K.y_high], known[i, K.z_low], known[i, K.z_high]
+    x_low, x_high, y_low = known[row + K.x_low], known[row + K.x_high], known[row + K.y_low]
+    y_high, z_low, z_high = known[row + K.y_high], known[row + K.z_low], known[row + K.z_high]
     a = min(int(x * fixed.per_spacing), changed.shape[0] - 1)
     b = min(int(y * fixed.per_spacing), changed.shape[1] - 1)
     clear = z - radius + fixed.way * min(z_low, 0.0) >= above[a, b]
     clear = clear and fixed.way * max(x_high, -x_low, y_high, -y_low) <= fixed.around
-    again = same_box and step <= known[i, K.until] and changed[a, b] < known[i, K.looked]
-    again = again and abs(x - known[i, K.looked_x]) < fixed.half_x
-    again = again and abs(y - known[i, K.looked_y]) < fixed.half_y
+    again = same_box and step <= known[row + K.until] and changed[a, b] < known[row + K.looked]
+    again = again and abs(x - known[row + K.looked_x]) < fixed.half_x
+    again = again and abs(y - known[row + K.looked_y]) < fixed.half_y
     touching, steps = False, AHEAD
     nx, ny, nz, qx, qy, qz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if clear:
-        known[i, K.until] = -1.0
+        known[row + K.until] = -1.0
     elif again:
         touching, nx, ny, nz, qx, qy, qz, steps = look_closely(
             heights, model.spacing, fixed.dt, i, x, y, z, radius,
             x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
         )  # fmt: skip
-        steps = min(steps, int(known[i, K.until]) - step)
+        steps = min(steps, int(known[row + K.until]) - step)
     else:
         touching, nx, ny, nz, qx, qy, qz, steps, others = look(
             heights, model.spacing, fixed.dt, i, x, y, z, radius,
             x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
         )  # fmt: skip
-        known[i, K.until], known[i, K.looked] = step + others, step
-        known[i, K.looked_x], known[i, K.looked_y] = x, y
+        known[row + K.until], known[row + K.looked] = step + others, step
+        known[row + K.looked_x], known[row + K.looked_y] = x, y
     return touching, nx, ny, nz, qx, qy, qz, steps
 
 
-@inlined
+@part
 def hit_surface(
     model, numerics, fixed, s, w, scratch, heights, i, time, shear, pad_height, closing, nx, ny, nz, qx, qy,
     qz, rows, row,
@@ -232,7 +241,7 @@ def hit_surface(
     return row, lasting
 
 
-@inlined
+@part
 def depart(model, fixed, s, w, i, shear, pad_height, descent):
     """Velocity of particle i after its contacts, before the drag: (meets the pad, thrown, special, v).
 
@@ -258,7 +267,7 @@ def depart(model, fixed, s, w, i, shear, pad_height, descent):
     return meets, gains or not inside, special, wx, wy, wz
 
 
-@inlined
+@part
 def keep(s, special, kept, k, i):
     """Have particle i solved by itself, as number k, from where it is now."""
     special[k] = i
@@ -267,7 +276,7 @@ def keep(s, special, kept, k, i):
     kept[k, 6], kept[k, 7], kept[k, 8] = s.jx[i], s.jy[i], s.jz[i]
 
 
-@inlined
+@part
 def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_height, descent):
     """Solve particle i, the special one number k, by itself; return a status.
 
@@ -293,7 +302,7 @@ def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_heigh
     return DONE if solved else NOT_CONVERGED
 
 
-@inlined
+@part
 def check_thrown(model, s, i):
     """Wrap particle i, which its contacts have thrown out of its box, along z; return a status."""
     s.z[i] = wrap(s.z[i], model.length_z)
@@ -301,7 +310,7 @@ def check_thrown(model, s, i):
     return DONE if finite else NOT_FINITE
 
 
-@inlined
+@part
 def speed_apart(vx, vy, vz, mean_x, mean_y):
     """Speed relative to a mean, m/s."""
     return math.sqrt((vx - mean_x) ** 2 + (vy - mean_y) ** 2 + vz**2)

@@ -42,41 +42,7 @@ class Swarm(NamedTuple):
     jy: np.ndarray
     jz: np.ndarray
     gained: np.ndarray  # mass picked up, kg
-    flat: np.ndarray  # all of these; where particles are few, those of `At`
-
-
-class At(NamedTuple):
-    """Where in the flat array of few particles quantities begin: those of `Swarm`, and some of `few.py`."""
-
-    x: int = 0 * ROW
-    y: int = 1 * ROW
-    z: int = 2 * ROW
-    vx: int = 3 * ROW
-    vy: int = 4 * ROW
-    vz: int = 5 * ROW
-    mass: int = 6 * ROW
-    radius: int = 7 * ROW
-    modulus: int = 8 * ROW
-    drag: int = 9 * ROW
-    rate: int = 10 * ROW
-    yielding: int = 11 * ROW
-    under_pad: int = 12 * ROW
-    jx: int = 13 * ROW
-    jy: int = 14 * ROW
-    jz: int = 15 * ROW
-    gained: int = 16 * ROW
-    x_low: int = 17 * ROW  # the box: lowest and highest velocity along x, y and z, m/s
-    x_high: int = 18 * ROW
-    y_low: int = 19 * ROW
-    y_high: int = 20 * ROW
-    z_low: int = 21 * ROW
-    z_high: int = 22 * ROW
-    pace: int = 23 * ROW  # highest speed in it, relative to the mean of all, m/s
-    looked_x: int = 24 * ROW  # where the close triangles were found, m
-    looked_y: int = 25 * ROW
-
-
-A = At()
+    flat: np.ndarray  # all of these, one behind the other
 
 
 class Scratch(NamedTuple):
@@ -122,9 +88,8 @@ def swarm_of(model, dt, p, order):
     """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
     n = p.mass.shape[0]
     padded = LANES * ((n + LANES - 1) // LANES)
-    few = padded <= ROW
-    row = ROW if few else padded
-    flat = np.zeros(len(A) * ROW if few else 17 * row)
+    row = ROW if padded <= ROW else padded
+    flat = np.zeros(17 * row)
     s = views(flat, row, padded)
     for i in range(n):
         k = order[i]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numba
 
-from reference.compiled import inlined, kernel
+from reference.compiled import kernel, part
 from reference.state import FLOW_COUETTE
 
 # nothing is infinite, and the sign of a zero does not matter: then the highest of numbers is a vector
@@ -38,7 +38,7 @@ def fast_on_pad(z, vz, radius, pad_height, descent, speed):
     return found
 
 
-@inlined
+@part
 def glide_under_pad(z, vz, under_pad, yielding, flow, dt, pad_height, descent, restitution):
     """Velocity and position along z after a step under the pad; return how many particles meet the pad.
 
@@ -57,7 +57,7 @@ def glide_under_pad(z, vz, under_pad, yielding, flow, dt, pad_height, descent, r
     return hits
 
 
-@inlined
+@part
 def glide_upright(z, vz, yielding, flow, dt):
     """Velocity and position along z after a step without a pad, not wrapped."""
     for i in range(z.size):
@@ -66,7 +66,7 @@ def glide_upright(z, vz, yielding, flow, dt):
         z[i] += dt * v
 
 
-@inlined
+@part
 def glide_sheared(x, vx, z, yielding, shear, dt):
     """Velocity and position along x after a step, in a flow u = `shear` z at the new height."""
     for i in range(x.size):
@@ -75,7 +75,7 @@ def glide_sheared(x, vx, z, yielding, shear, dt):
         x[i] += dt * v
 
 
-@inlined
+@part
 def glide_along(x, vx, yielding, flow, dt):
     """Velocity and position along x or y after a step, in a uniform flow."""
     for i in range(x.size):
@@ -84,7 +84,7 @@ def glide_along(x, vx, yielding, flow, dt):
         x[i] += dt * v
 
 
-@inlined
+@part
 def wrap_upright(z, period):
     """Positions along z within [0, period), after a step that led at most one period out of it."""
     for i in range(z.size):
@@ -94,7 +94,7 @@ def wrap_upright(z, period):
         z[i] = 0.0 if q >= period else q
 
 
-@inlined
+@part
 def glide(
     model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, yielding, under_pad, shear, pad_height, descent
 ):  # fmt: skip

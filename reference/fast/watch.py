@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import inlined, kernel
+from reference.compiled import kernel, part
 from reference.heightfield import height_at
 from reference.state import FLOW_COUETTE
 from reference.triangle import closest_point_on_triangle
@@ -31,60 +31,45 @@ MARGIN = (
 )
 
 
-class Watch(NamedTuple):
-    """When each of N particles is looked at, one linked list for each step of a ring, and what is known."""
+class Ring(NamedTuple):
+    """Which of N particles is looked at in which step: one linked list for each step of a ring."""
 
-    due: np.ndarray  # (N,), step
     after: np.ndarray  # (N,), the next particle in the list of the same step, or -1
     before: np.ndarray  # (N,)
     first: np.ndarray  # (HORIZON,), the first particle of each list, or -1
-    renewed: np.ndarray  # (N,), step until which the box may be used again
-    nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
-    close: np.ndarray  # (N, MOST_CLOSE, 3), squares and sides of triangles that may be touched soon
-    number: np.ndarray  # (N,), how many
-    until: np.ndarray  # (N,), step until which no other triangle can be touched
-    looked: np.ndarray  # (N,), step in which the close triangles were found
-    changed: np.ndarray  # (nx, ny), step of the last removal near a square
 
 
 @kernel
-def watch_all(n, shape):
-    """All particles are looked at in step 0; the surface has squares of this `shape`."""
-    w = Watch(
-        np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1), np.zeros(n, np.int64),
-        np.zeros(n, np.bool_), np.zeros((n, MOST_CLOSE, 3), np.int32), np.zeros(n, np.int64),
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(shape, -1),
-    )  # fmt: skip
-    for i in range(n):
-        insert(w.due, w.after, w.before, w.first, i, 0)
-    return w
+def ring_of(n):
+    """A ring in whose lists none of n particles is yet."""
+    return Ring(np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1))
 
 
-@inlined
-def insert(due, after, before, first, i, step):
-    """Have particle i, which is in no list, looked at in `step`."""
+@part
+def insert(due, ring, i, step):
+    """Have particle i, which is in no list, looked at in `step`; `due` (N,) keeps it."""
     slot = step % HORIZON
-    head = first[slot]
-    after[i], before[i] = head, -1
+    head = ring.first[slot]
+    ring.after[i], ring.before[i] = head, -1
     if head >= 0:
-        before[head] = i
-    first[slot] = i
+        ring.before[head] = i
+    ring.first[slot] = i
     due[i] = step
 
 
-@inlined
-def remove(due, after, before, first, i):
+@part
+def remove(due, ring, i):
     """Take particle i out of its list."""
-    follower, leader = after[i], before[i]
+    follower, leader = ring.after[i], ring.before[i]
     if leader >= 0:
-        after[leader] = follower
+        ring.after[leader] = follower
     else:
-        first[due[i] % HORIZON] = follower
+        ring.first[due[i] % HORIZON] = follower
     if follower >= 0:
-        before[follower] = leader
+        ring.before[follower] = leader
 
 
-@inlined
+@part
 def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
     """Lowest and highest u_x (m/s) that a particle at height z (m) can meet before it is looked at."""
     if model.flow != FLOW_COUETTE:
@@ -100,7 +85,7 @@ def fluid_bounds(model, dt, pad_height, z, z_low, z_high):
     return min(u, v), max(u, v)
 
 
-@inlined
+@part
 def velocity_box(model, dt, pad_height, margin, drag, z, vx, vy, vz):
     """Bounds of a velocity: (x low, x high, y low, y high, z low, z high) in m/s, and the largest slip^2.
 
@@ -128,7 +113,7 @@ def velocity_box(model, dt, pad_height, margin, drag, z, vx, vy, vz):
     return x_low, x_high, y_low, y_high, z_low, z_high, sx * sx + sy * sy + sz * sz
 
 
-@inlined
+@part
 def steps_until(distance, speed, dt, horizon):
     """Steps in which `distance` (m) cannot be used up at `speed` (m/s), `horizon` at most."""
     if distance >= horizon * dt * speed:
@@ -136,7 +121,7 @@ def steps_until(distance, speed, dt, horizon):
     return int(SAFETY * distance / (dt * speed))
 
 
-@inlined
+@part
 def around(index, count):
     """`index` modulo `count`, for one that is seldom outside of 0 ... count - 1."""
     while index < 0:
@@ -146,7 +131,7 @@ def around(index, count):
     return np.uint32(index)
 
 
-@inlined
+@part
 def steps_to_triangle(dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_low, z_high, horizon):
     """Steps in which a sphere cannot touch a triangle whose closest point is at -(dx, dy, dz).
 
@@ -157,7 +142,7 @@ def steps_to_triangle(dx, dy, dz, radius, dt, x_low, x_high, y_low, y_high, z_lo
     return steps_until((distance - radius) * distance, speed, dt, horizon)
 
 
-@inlined
+@part
 def closest_of_triangle(z_nodes, spacing, i, j, side, x, y, z):
     """Closest point of triangle `side` of the square (i, j), which need not be wrapped."""
     n_x, n_y = z_nodes.shape
@@ -171,7 +156,7 @@ def closest_of_triangle(z_nodes, spacing, i, j, side, x, y, z):
     return closest_point_on_triangle(x, y, z, x0, y0, z00, x1, y1, z11, x0, y1, z_nodes[i0, j1])
 
 
-@inlined
+@part
 def look(
     z_nodes,
     spacing,
@@ -251,7 +236,8 @@ def look(
                     touching, best, qx, qy, qz = True, apart, cx, cy, cz
                 if free < CLOSE and found < MOST_CLOSE:
                     steps = min(steps, free)
-                    close[k, found, 0], close[k, found, 1], close[k, found, 2] = i, j, side
+                    at = 3 * (MOST_CLOSE * k + found)
+                    close[at], close[at + 1], close[at + 2] = i, j, side
                     found += 1
                 else:
                     others = min(others, free)
@@ -267,7 +253,7 @@ def look(
     return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, min(steps, others), others
 
 
-@inlined
+@part
 def look_closely(
     z_nodes,
     spacing,
@@ -292,9 +278,8 @@ def look_closely(
     best, qx, qy, qz = square, 0.0, 0.0, 0.0
     touching, steps = False, horizon
     for m in range(number[k]):
-        cx, cy, cz = closest_of_triangle(
-            z_nodes, spacing, close[k, m, 0], close[k, m, 1], close[k, m, 2], x, y, z
-        )
+        at = 3 * (MOST_CLOSE * k + m)
+        cx, cy, cz = closest_of_triangle(z_nodes, spacing, close[at], close[at + 1], close[at + 2], x, y, z)
         dx, dy, dz = x - cx, y - cy, z - cz
         apart = dx * dx + dy * dy + dz * dz
         if apart >= square:

@@ -15,7 +15,7 @@ MUTANTS = (
     Mutant(
         "fast: second of a pair", "the second particle of a pair receives another impulse than the first",
         f"{FAST}/few.py:march",
-        "flat[A.jz + j] -= c[B.jz + k]", "flat[A.jz + j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
+        "f.jz[j] -= c[B.jz + k]", "f.jz[j] -= (1.0 + SIZE) * c[B.jz + k]", 0.01, "%",
     ),
     Mutant(
         "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
@@ -60,7 +60,34 @@ MUTANTS = (
         "return rate * (shear * z - vx)", "return (1.0 + SIZE) * rate * (shear * z - vx)", 0.01, "%",
     ),
     Mutant(
-        "fast: mass not picked up", "an impact that removes adds no mass", f"{FAST}/few.py:march",
-        "flat[A.mass + i] += gained", "flat[A.mass + i] += (1.0 - SIZE) * gained", 1.0, "% of the mass",
+        "fast: surface", "what the surface does is off by a factor", f"{FAST}/particle.py:hit_surface",
+        "s.jz[i] += normal * nz", "s.jz[i] += (1.0 + SIZE) * normal * nz", 0.01, "%",
+    ),
+    Mutant(
+        "fast: pad in a contact", "the pad's impulse on one in contact is off by a factor",
+        f"{FAST}/particle.py:depart",
+        "push if meets", "(1.0 + SIZE) * push if meets", 0.01, "%",
+    ),
+    Mutant(
+        "fast: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/particle.py:depart",
+        "s.under_pad[i] = -math.inf", "s.under_pad[i] = s.radius[i]",
+    ),
+    Mutant(
+        "fast: pad and drag", "the pad's impulse is off by a factor where the drag is not linear",
+        f"{FAST}/particle.py:solve_special", "- pushed,", "- (1.0 + SIZE) * pushed,", 0.01, "%",
+    ),
+    Mutant(
+        "fast: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/particle.py:renew",
+        "over = 4.0 *", "over = 4.0 / (1.0 + SIZE) *", 1.0, "% of Re^2",
+    ),
+    Mutant(
+        "fast: mass not picked up", "an impact that removes adds no mass",
+        f"{FAST}/particle.py:solve_special", "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]",
+        1.0, "% of the mass",
+    ),
+    Mutant(
+        "fast: other triangles", "only those triangles are looked at that were close at the last look",
+        f"{FAST}/particle.py:find_surface",
+        "steps = min(steps, int(known[row + K.until]) - step)", "known[row + K.until] = math.inf",
     ),
 )  # fmt: skip

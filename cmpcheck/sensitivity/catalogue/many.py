@@ -22,42 +22,12 @@ MUTANTS = (
         "for piece in range(found.hits.size):", "for piece in range(found.hits.size - 1):",
     ),
     Mutant(
-        "many: surface", "what the surface does is off by a factor", f"{FAST}/particle.py:hit_surface",
-        "s.jz[i] += normal * nz", "s.jz[i] += (1.0 + SIZE) * normal * nz", 0.01, "%",
-    ),
-    Mutant(
-        "many: pad", "the pad's impulse on one in contact is off by a factor", f"{FAST}/particle.py:depart",
-        "push if meets", "(1.0 + SIZE) * push if meets", 0.01, "%",
-    ),
-    Mutant(
-        "many: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/particle.py:depart",
-        "s.under_pad[i] = -math.inf", "s.under_pad[i] = s.radius[i]",
-    ),
-    Mutant(
-        "many: pad and drag", "the pad's impulse is off by a factor where the drag is not linear",
-        f"{FAST}/particle.py:solve_special", "- pushed,", "- (1.0 + SIZE) * pushed,", 0.01, "%",
-    ),
-    Mutant(
-        "many: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/particle.py:renew",
-        "over = 4.0 *", "over = 4.0 / (1.0 + SIZE) *", 1.0, "% of Re^2",
-    ),
-    Mutant(
-        "many: mass not picked up", "an impact that removes adds no mass",
-        f"{FAST}/particle.py:solve_special", "mass[i] += gained[i]", "mass[i] += (1.0 - SIZE) * gained[i]",
-        1.0, "% of the mass",
-    ),
-    Mutant(
         "many: late look", "a particle is looked at one step after its time",
         f"{FAST}/many.py:watch_piece", "due[i] <= step", "due[i] < step",
     ),
     Mutant(
         "many: no look when thrown", "one that a contact throws out of its bounds is not looked at again",
         f"{FAST}/many.py:move_piece", "w.due[i] = step + 1", "w.due[i] = w.due[i]",
-    ),
-    Mutant(
-        "many: other triangles", "only those triangles are looked at that were close at the last look",
-        f"{FAST}/particle.py:find_surface",
-        "steps = min(steps, int(known[i, K.until]) - step)", "known[i, K.until] = math.inf",
     ),
     Mutant(
         "many: late list", "the list of pairs is kept for longer than it holds",
