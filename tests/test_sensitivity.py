@@ -301,6 +301,16 @@ def findings(folder: Path, case: Path, stop_at: str = "", resume: bool = False) 
     return document.text_of(building.build(plan, store))
 
 
+def test_errors_whose_rows_are_in_the_full_profile_are_left_to_it():
+    everything, mutants = (
+        all_mutants(),
+        {p: plan_of(all_mutants(), [], p, 1).mutants for p in ("quick", "full")},
+    )
+    assert mutants["full"] == everything
+    left_out = [mutant for mutant in everything if mutant not in mutants["quick"]]
+    assert left_out == [mutant for mutant in everything if mutant.name.startswith("many:")] != []
+
+
 def test_a_real_error_is_noticed_a_harmless_one_is_not_and_a_stopped_run_ends_the_same(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     case = tmp_path / "tiny.toml"

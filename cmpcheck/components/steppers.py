@@ -33,7 +33,8 @@ Rows = Counter[tuple[int, int, int, int]]  # of a ledger: step, kind, i and j
 
 def checks() -> list[Comparison]:
     """Rows of the first steps of polishing under a low pad, by the loop for few particles."""
-    return _beside(shortened(changed(CASE_OF, pad={"initial_height": LOW}), STEPS), STEPS, VARIANT)
+    case = changed(CASE_OF, pad={"initial_height": LOW, "speed": FAST_PAD})
+    return _beside(shortened(case, STEPS), STEPS, VARIANT)
 
 
 def checks_of_many() -> list[Comparison]:

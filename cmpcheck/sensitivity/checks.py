@@ -151,9 +151,13 @@ def _forms(judge: Any) -> tuple[str, ...]:
 
 
 def bad_rows(
-    mutant: Mutant | None, number: int, size: float, labels: Sequence[Label], baseline: Baseline, tree: Path
-) -> list[Noticed]:
-    """Every row that disagrees or fails while the error is on; without one, those that do so anyway."""
+    mutant: Mutant | None, number: int, size: float, labels: Sequence[Label], baseline: Baseline, tree: Path,
+    profile: str = "quick",
+) -> list[Noticed]:  # fmt: skip
+    """Every row that disagrees or fails while the error is on; without one, those that do so anyway.
+
+    `profile` is that of the components; cases are always run in their quick form.
+    """
 
     def on() -> AbstractContextManager[Any]:
         return switched_on(number, size) if mutant is not None else nullcontext()
@@ -170,9 +174,9 @@ def bad_rows(
         with on():
             rows += check_components(
                 "" if mutant is None else mutant.file, _component_engines(mutant), in_process=True,
-                profile="full" if mutant is None or mutant.file.startswith(FAST) else "quick",
+                profile=profile,
             )  # fmt: skip
-            # in process, for the error is on in this one only; many particles tell nothing of other files
+            # in process, for the error is on in this one only
     return [
         Noticed(
             r.case, r.variant, r.engine, r.quantity, r.status, r.error / r.tolerance if r.tolerance else None

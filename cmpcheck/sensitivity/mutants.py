@@ -27,6 +27,7 @@ class Mutant:
     side: str = "reference"  # who makes it: one of SIDES; the other engine does it right
     cases: tuple[str, ...] = ()  # that LAMMPS runs for it, "case" or "case variant"; the reference runs all
     factor: float = 100.0  # turns a size into the unit that is shown: 0.01 is 1 %
+    profile: str = "quick"  # "full": what notices it takes too long to compile for the quick one
     explained: str = ""  # why nothing can notice it: a derivation
 
     def __post_init__(self) -> None:

@@ -67,7 +67,7 @@ class Plan:
 
 
 def plan_of(mutants: list[Mutant], cases: Sequence[str], profile: str, jobs: int) -> Plan:
-    """All variants and the components, or the named cases alone.
+    """All variants and the components, or the named cases alone; and the errors of the profile.
 
     Raises CaseError for a case that there is not, or that is compared by ensembles only.
     """
@@ -75,6 +75,8 @@ def plan_of(mutants: list[Mutant], cases: Sequence[str], profile: str, jobs: int
     if not cases:
         labels.append((COMPONENTS, ""))
         labels = labels if profile == "full" else quick_order(labels)
+    if profile != "full":
+        mutants = [mutant for mutant in mutants if mutant.profile == "quick"]
     return Plan(mutants, labels, profile, jobs)
 
 

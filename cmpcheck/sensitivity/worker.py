@@ -44,7 +44,11 @@ def answer(request: dict[str, Any], folder: Path, mutants: list[Mutant]) -> list
     number = request["number"]
     mutant = None if number is None else mutants[number]
     size = 0.0 if mutant is None else request["size"]
-    rows = bad_rows(mutant, -1 if number is None else number, size, labels, baseline, folder / TREE)
+    profiles = {one.profile for one in mutants} if mutant is None else {mutant.profile}
+    rows = bad_rows(
+        mutant, -1 if number is None else number, size, labels, baseline, folder / TREE,
+        "full" if "full" in profiles else "quick",
+    )  # fmt: skip
     return [asdict(row) for row in rows]
 
 
