@@ -117,7 +117,7 @@ def march(
     No array is made here: Numba would count references to it at every step.
     """
     n, dt = scratch.special.shape[0], fixed.dt
-    f = views(s.flat, ROW, s.x.size)
+    f = views(s.flat, ROW, s.x.size)  # the same as `s`, at distances that the compiler knows
     due, first = w.due, ring.first
     narrow, meeting, c, bits = lists.narrow, scratch.meeting, scratch.batch, scratch.bits
     touched, touch_step, thrown, special = (
