@@ -50,11 +50,14 @@ def _cache_folder() -> str:
 if not os.environ.get("NUMBA_CACHE_DIR"):
     numba.config.CACHE_DIR = _cache_folder()
 
-formula = register_jitable(error_model="numpy")
-kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
-# part of a loop, written out in each kernel that uses it: a call would copy the model's constants each time
-inlined = numba.njit(error_model="numpy", nogil=True, inline="always")
-# the same, left to LLVM: compiled once for all kernels that use it, in less time, and a few percent slower
-part = numba.njit(error_model="numpy", nogil=True, forceinline=True)
+# For what compiled code alone calls Numba makes no ways in from Python and C, a fifth of its work: for Python
+# these functions are Python.
+formula = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
+inner = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True)
+# part of a loop: a call would copy the model's constants each time. Put in place by LLVM, compiled once
+part = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True, forceinline=True)
+kernel = numba.njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)
+# the same as a part, put in place by Numba: takes longer to compile, and is a few percent faster
+inlined = numba.njit(error_model="numpy", nogil=True, inline="always", no_cfunc_wrapper=True)
 # without the JIT a formula is plain Python, which numba.vectorize cannot compile
 broadcast = np.vectorize if numba.config.DISABLE_JIT else numba.vectorize(cache=True)

@@ -21,10 +21,11 @@ from cmpcheck.components.row import EPS
 from cmpcheck.components.steppers import allowed, apart, nudged, shortened, with_stepper
 from reference.case import Case, load_case
 from reference.collisions import pair_impulse
+from reference.compiled import kernel
 from reference.contact import impact_duration
 from reference.fast.ceiling import ceiling_over, highest_node
 from reference.fast.near import FEW
-from reference.fast.pairs import LANES, B, batch, durations, guess_durations, impulse_on_first
+from reference.fast.pairs import LANES, B, durations, guess_durations, impulse_on_first
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup
@@ -172,7 +173,7 @@ def test_the_short_form_of_an_impulse_is_that_of_the_equations(
         model, dt, m_i, m_j, 9e-7, 9e-7, 1e11, tuple(n), tuple(v), float(v @ n), *map(tuple, forces)
     )
     m_eff = m_i * m_j / (m_i + m_j)
-    short = impulse_on_first(
+    short = pushed_first(
         restitution, static, share * static, m_eff, min(duration, dt), float(v @ n), *n, *v,
         *(forces[0] / m_i - forces[1] / m_j),
     )  # fmt: skip
@@ -184,14 +185,26 @@ def test_the_short_form_of_an_impulse_is_that_of_the_equations(
         np.testing.assert_allclose(short, full[:3], rtol=0.0, atol=64 * EPS * sizes)
 
 
+@kernel
+def pushed_first(*numbers):
+    """`pairs.impulse_on_first`, which compiled code alone can call."""
+    return impulse_on_first(*numbers)
+
+
+@kernel
+def hertz(contacts, bits):
+    """Durations of a batch, as `pairs.impulses_of_batch` finds them."""
+    guess_durations(bits, LANES)
+    durations(contacts, LANES)
+
+
 def test_durations_by_newton_are_those_of_the_power():
     """Over thirty decades of q; the last of Newton's steps leaves its own round-off, some 8 eps."""
     radius, modulus, mass = 2e-7, 1.9e11, 7e-16
-    contacts = batch()
+    contacts = np.ones(len(B) * LANES)
     for speeds in np.logspace(-12, 3, 20 * LANES).reshape(-1, LANES):
         contacts[B.hertz : B.hertz + LANES] = radius * modulus**2 * speeds / mass**2
-        guess_durations(contacts.view(np.int64), LANES)
-        durations(contacts, LANES)
+        hertz(contacts, contacts.view(np.int64))
         np.testing.assert_allclose(
             contacts[B.duration : B.duration + LANES], impact_duration(mass, radius, modulus, speeds),
             rtol=16 * EPS, atol=0.0,

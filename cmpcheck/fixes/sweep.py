@@ -37,7 +37,7 @@ from reference.drag import drag_factor, fluid_velocity
 from reference.state import FLOW_NONE, Model
 
 # A kernel that makes no array: the references to those it is given are not counted.
-uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False, no_cfunc_wrapper=True)
 
 NO_CONTACT = math.nan
 NOTHING = -0.0  # what a force plus it is that force to the bit, also where that is -0.0

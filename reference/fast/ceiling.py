@@ -23,12 +23,11 @@ class Ceiling(NamedTuple):
     reach: float  # how far around a square the map looks, m
 
 
-@kernel
 def ceiling_over(heights, spacing, reach):
     """A map that looks `reach` (m) or somewhat farther around each square."""
-    c = Ceiling(np.empty(heights.shape), np.empty(heights.shape), spacing * math.ceil(reach / spacing))
-    if heights.size > 0:
-        raise_ceiling(heights, int(c.reach / spacing + 0.5), c.height, c.across)
+    span = math.ceil(reach / spacing) if heights.size > 0 else 0
+    c = Ceiling(np.empty(heights.shape), np.empty(heights.shape), spacing * span)
+    raise_ceiling(heights, span, c.height, c.across)
     return c
 
 

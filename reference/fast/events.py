@@ -18,13 +18,13 @@ from reference.collisions import (
     record_pair_contact,
     strike_surface,
 )
-from reference.compiled import kernel, part
+from reference.compiled import inner, part
 from reference.contact import compression_impulse, effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
 from reference.timestep import P, wrap
 
 
-@kernel
+@inner
 def record_pair(model, dt, time, pad_height, s, i, j, out):
     """Fill ledger row `out` with the contact of particles i and j."""
     dx = minimum_image(s.x[j] - s.x[i], model.length_x)
@@ -47,7 +47,7 @@ def record_pair(model, dt, time, pad_height, s, i, j, out):
     )
 
 
-@kernel
+@inner
 def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows, row):
     """Fill a ledger row for each impact on the pad that is worth one; return the next free row."""
     for i in range(n):
@@ -78,7 +78,7 @@ def bounce(model, dt, mass, radius, modulus, closing, acceleration):
     return surface_normal_impulse(mass, -closing, model.restitution, external), duration
 
 
-@kernel
+@inner
 def strike(
     model, dt, time, pad_height, i, hit, x, y, z, vx, vy, vz, mass, radius, modulus, heights, position,
     velocity, rows, row,
@@ -92,7 +92,7 @@ def strike(
     )  # fmt: skip
 
 
-@kernel
+@inner
 def mark(changed, spacing, x, y, reach, step):
     """Note `step` in all squares within `reach` squares of the one at (x, y), whose nodes have fallen."""
     i, j = math.floor(x / spacing), math.floor(y / spacing)
@@ -101,7 +101,7 @@ def mark(changed, spacing, x, y, reach, step):
             changed[a % changed.shape[0], b % changed.shape[1]] = step
 
 
-@kernel
+@inner
 def book_removals(progress, rows, first, last):
     """Add the removals of ledger rows first ... last - 1 to the sums of the run, compensated (Kahan).
 
@@ -119,7 +119,7 @@ def book_removals(progress, rows, first, last):
                 progress[total] = summed
 
 
-@kernel
+@inner
 def take_off(model, heights, progress, rows, first, last, largest, changed, step):
     """Remove from the surface what rows first ... last - 1 of the ledger say; return whether any do.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+from numba.extending import register_jitable
 
 from reference.compiled import kernel
-from reference.fast.ceiling import REMAP, ceiling_over, highest_node, raise_ceiling
+from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
 from reference.fast.near import (
     NARROW,
@@ -27,32 +27,29 @@ from reference.fast.near import (
     mean,
     settle,
 )
-from reference.fast.pairs import B, batch, next_batch
+from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
     box_holds,
     check_thrown,
     depart,
-    fastest_flow,
     find_surface,
-    fixed_of,
     hit_surface,
     keep,
-    know_all,
     pace_of,
     renew,
     shear_of,
     solve_special,
     speed_apart,
 )
-from reference.fast.swarm import ROW, bring_back, scratch_of, swarm_of, views
+from reference.fast.swarm import ROW, views
 from reference.fast.sweep import fast_on_pad, glide, highest_of
-from reference.fast.watch import AHEAD, HORIZON, MARGIN, insert, remove, ring_of
+from reference.fast.watch import AHEAD, HORIZON, insert, remove, ring_of
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
 RELIST = -1  # status: the wide list of pairs has to be made anew
 # No array is made in the loop, so that no references need be counted: that alone took a fifth of the time.
-loop = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+loop = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True, _nrt=False)
 
 
 class Run(NamedTuple):
@@ -75,51 +72,45 @@ R = Run()
 
 
 @kernel
-def advance_few(model, numerics, progress, t_end, steps_left, p, heights, rows):
-    """See `stepper.advance_fast`."""
-    n = p.position.shape[0]
-    t_start = progress[P.time]
-    dt = (t_end - t_start) / max(steps_left, 1)
-    order = np.arange(n)
-    s, w, ring = swarm_of(model, dt, p, order), know_all(n, heights.shape), ring_of(n)
-    periods = np.array([model.length_x, model.length_y, model.length_z])
-    largest = p.diameter.max() if n > 0 else 0.0
-    way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
-    ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
-    fixed = fixed_of(model, numerics, dt, largest, ceiling.reach)
-    origin = Origin(np.empty(n), np.empty(n), np.empty(n))
-    lists = lists_of(np.empty((0, 2), np.int64))
-    scratch = scratch_of(n, batch())
+def march_few(
+    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, scratch, order,
+    heights, rows,
+):  # fmt: skip
+    """Make steps until all are made, or until something is in the way; see `stepper.advance_fast`.
+
+    The particles stand in the order of everyone else.
+    """
+    n = order.size
+    ring, origin = ring_of(n), Origin(np.empty(n), np.empty(n), np.empty(n))
+    lists, meeting, c = lists_of(np.empty((0, 2), np.int64)), np.empty(LANES, np.uint32), batch()
     for i in range(n):
         insert(w.due, ring, i, 0)
     run = np.zeros(len(R))
     run[R.left], run[R.spent], run[R.gone] = -1.0, math.inf, math.inf
     while True:
         status = march(
-            model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ring, origin,
-            lists, ceiling, scratch, run, heights, rows,
+            model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ring, origin,
+            lists, ceiling, scratch, meeting, c, c.view(np.int64), run, heights, rows,
         )  # fmt: skip
         if status != RELIST:
-            break
+            return status
         lists = lists_of(list_wide(s, largest, periods, origin))
         run[R.spent], run[R.fresh] = 0.0, 1.0
-    bring_back(model, s, p, order)
-    return status
 
 
 @loop
 def march(
     model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ring, origin, lists,
-    ceiling, scratch, run, heights, rows,
+    ceiling, scratch, meeting, c, bits, run, heights, rows,
 ):  # fmt: skip
-    """Make steps until all are made, or until something is in the way; see `advance_few`.
+    """`march_few` until the wide list of pairs has to be made anew.
 
     No array is made here: Numba would count references to it at every step.
     """
     n, dt = scratch.special.shape[0], fixed.dt
     f = views(s.flat, ROW, s.x.size)  # the same as `s`, at distances that the compiler knows
     due, first = w.due, ring.first
-    narrow, meeting, c, bits = lists.narrow, scratch.meeting, scratch.batch, scratch.bits
+    narrow = lists.narrow
     touched, touch_step, thrown, special = (
         scratch.touched, scratch.touch_step, scratch.thrown, scratch.special
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import kernel
+from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
 from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
@@ -38,6 +38,7 @@ from reference.fast.watch import AHEAD, MOST_CLOSE
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
+SETTLE, LIST, WATCH, COLLIDE, MOVE = range(5)  # phases of a step that are shared out
 SKIN = 0.3  # of the narrow list, of the largest diameter: among many, one is always fast
 
 
@@ -68,7 +69,20 @@ class Met(NamedTuple):
     bits: np.ndarray  # the same memory as integers
 
 
-@kernel
+class Now(NamedTuple):
+    """What is the same for all particles in one step."""
+
+    step: int
+    pad_height: float  # m
+    descent: float  # speed of the pad, m/s
+    shear: float  # of a Couette flow, 1/s
+    mean_x: float  # velocity that paces are relative to, m/s
+    mean_y: float
+    some_nonlinear: bool  # whether some may have drag that is not linear
+    skin: float  # of the narrow list, m
+
+
+@inner
 def found_of(n):
     """Room for what n particles may do."""
     f = pieces_of(n, PIECE)
@@ -78,7 +92,7 @@ def found_of(n):
     )  # fmt: skip
 
 
-@kernel
+@inner
 def met_of(pairs):
     """Room for what this many pairs may do."""
     g = pieces_of(pairs, PAIRS)
@@ -90,12 +104,10 @@ def met_of(pairs):
 
 
 @piecework
-def watch_piece(
-    piece, model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y
-):  # fmt: skip
+def watch_piece(piece, model, fixed, heights, above, s, w, found, now):
     """Look at the particles of a piece whose time is up: new boxes, and who comes down on the surface."""
     begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    listed, hit, due, known = found.listed, found.hit, w.due, w.known
+    listed, hit, due, known, step = found.listed, found.hit, w.due, w.known, now.step
     count, hits, change, pace = 0, 0, 0, 0.0
     for i in range(begin, end):
         listed[begin + count] = i
@@ -117,7 +129,7 @@ def watch_piece(
         i = listed[k]
         same_box = box_holds(w.known, i, step, s.vx[i], s.vy[i], s.vz[i])
         if not same_box:
-            change += renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y)
+            change += renew(model, fixed, s, w, i, step, now.pad_height, now.mean_x, now.mean_y)
             pace = max(pace, w.pace[i])
         steps = AHEAD
         if model.has_surface:
@@ -134,39 +146,8 @@ def watch_piece(
     found.hits[piece], found.nonlinear[piece], found.pace[piece] = hits, change, pace
 
 
-@threaded
-def watch_many(model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y):
-    """`watch_piece` for all pieces."""
-    for piece in numba.prange(found.hits.size):
-        watch_piece(
-            np.int64(piece), model, fixed, heights, above, s, w, found, step, pad_height, mean_x, mean_y
-        )
-
-
-@threaded
-def settle_many(s, found, periods):
-    """`near.settle` for all pieces."""
-    for piece in numba.prange(found.hits.size):
-        begin = np.int64(piece) * PIECE
-        settle(s, begin, min(begin + PIECE, found.listed.size), periods)
-
-
 @piecework
-def list_near_piece(piece, s, lists, met, skin, periods):
-    """The narrow list of a piece of the wide one."""
-    begin = piece * PAIRS
-    met.near[piece] = list_narrow_of(s, lists, skin, periods, begin, min(begin + PAIRS, lists.wide.shape[0]))
-
-
-@threaded
-def list_near(s, lists, met, skin, periods):
-    """`list_near_piece` for all pieces."""
-    for piece in numba.prange(met.near.size):
-        list_near_piece(np.int64(piece), s, lists, met, skin, periods)
-
-
-@piecework
-def collide_piece(piece, model, fixed, s, w, lists, met, shear, pad_height, ledger_speed):
+def collide_piece(piece, model, fixed, s, w, lists, met, now, ledger_speed):
     """Find the contacts among the near pairs of a piece, and their impulses."""
     begin = piece * PAIRS
     pair, end = begin, begin + met.near[piece]
@@ -174,7 +155,7 @@ def collide_piece(piece, model, fixed, s, w, lists, met, shear, pad_height, ledg
     at, noted = begin, 0
     while pair < end:
         pair, count = next_batch(
-            model, fixed, s, lists, w.nonlinear, shear, pad_height, pair, end, meeting, c, bits
+            model, fixed, s, lists, w.nonlinear, now.shear, now.pad_height, pair, end, meeting, c, bits
         )
         for k in range(count):
             met.pair[at], contact = meeting[k], met.contact[at]
@@ -185,25 +166,14 @@ def collide_piece(piece, model, fixed, s, w, lists, met, shear, pad_height, ledg
     met.touching[piece], met.noted[piece] = at - begin, noted
 
 
-@threaded
-def collide_many(model, fixed, s, w, lists, met, shear, pad_height, ledger_speed):
-    """`collide_piece` for all pieces."""
-    for piece in numba.prange(met.near.size):
-        collide_piece(
-            np.int64(piece), model, fixed, s, w, lists, met, shear, pad_height, ledger_speed
-        )  # fmt: skip
-
-
 @piecework
-def move_piece(
-    piece, model, numerics, fixed, s, w, scratch, found, step, shear, pad_height, descent, some_nonlinear,
-    mean_x, mean_y,
-):  # fmt: skip
+def move_piece(piece, model, numerics, fixed, s, w, scratch, found, now):
     """Move the particles of a piece: pad, drag, and a look in the next step for those thrown out of a box."""
     begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
     touch_step, touched, thrown, special = (
         scratch.touch_step, scratch.touched, scratch.thrown, scratch.special
     )  # fmt: skip
+    step, shear, pad_height, descent = now.step, now.shear, now.pad_height, now.descent
     touches, throws, specials, met_pad, highest = begin, begin, begin, 0, 0.0
     found.status[piece] = DONE
     for i in range(begin, end):
@@ -220,7 +190,7 @@ def move_piece(
                 specials += 1
             s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
             s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-        elif some_nonlinear and w.nonlinear[i]:
+        elif now.some_nonlinear and w.nonlinear[i]:
             keep(s, special, scratch.kept, specials, i)
             specials += 1
     last = end if end < found.listed.size else s.x.size
@@ -241,27 +211,44 @@ def move_piece(
     for k in range(begin, throws):
         i = thrown[k]
         w.due[i] = step + 1
-        highest = max(highest, speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
+        highest = max(highest, speed_apart(s.vx[i], s.vy[i], s.vz[i], now.mean_x, now.mean_y))
         checked = check_thrown(model, s, i)
         if found.status[piece] == DONE and checked != DONE:
             found.status[piece], found.culprit[piece] = checked, i
     found.met_pad[piece], found.thrown[piece] = met_pad, highest
 
 
-@threaded
-def move_many(
-    model, numerics, fixed, s, w, scratch, found, step, shear, pad_height, descent, some_nonlinear, mean_x,
-    mean_y,
+@piecework
+def work(
+    phase, piece, now, lists, met, model, numerics, fixed, periods, heights, above, s, w, scratch, found
 ):  # fmt: skip
-    """`move_piece` for all pieces."""
-    for piece in numba.prange(found.hits.size):
-        move_piece(
-            np.int64(piece), model, numerics, fixed, s, w, scratch, found, step, shear, pad_height, descent,
-            some_nonlinear, mean_x, mean_y,
+    """Do what a phase does with one piece: of particles, or of pairs."""
+    if phase == SETTLE:
+        settle(s, piece * PIECE, min((piece + 1) * PIECE, found.listed.size), periods)
+    elif phase == LIST:
+        begin, end = piece * PAIRS, min((piece + 1) * PAIRS, lists.wide.shape[0])
+        met.near[piece] = list_narrow_of(s, lists, now.skin, periods, begin, end)
+    elif phase == WATCH:
+        watch_piece(piece, model, fixed, heights, above, s, w, found, now)
+    elif phase == COLLIDE:
+        collide_piece(piece, model, fixed, s, w, lists, met, now, numerics.ledger_speed)
+    else:
+        move_piece(piece, model, numerics, fixed, s, w, scratch, found, now)
+
+
+@threaded
+def share_out(
+    phase, pieces, now, lists, met, model, numerics, fixed, periods, heights, above, s, w, scratch, found
+):  # fmt: skip
+    """`work` for all pieces; one loop for all phases, for each such loop takes long to compile."""
+    for piece in numba.prange(pieces):
+        work(
+            phase, np.int64(piece), now, lists, met, model, numerics, fixed, periods, heights, above, s, w,
+            scratch, found,
         )  # fmt: skip
 
 
-@kernel
+@inner
 def push_pairs(model, numerics, fixed, time, pad_height, step, s, scratch, order, lists, met, rows, row):
     """Add up the impulses of the pairs in contact: (next free row, contacts, longest duration in s)."""
     narrow, touch_step, contacts, longest = lists.narrow, scratch.touch_step, 0, 0.0
@@ -305,6 +292,8 @@ def march_many(
     room = WIDE * largest - skin
     origin, found = Origin(np.empty(n), np.empty(n), np.empty(n)), found_of(n)
     lists, met = lists_of(np.empty((0, 2), np.int64)), met_of(0)
+    pieces = found.hits.size
+    others = (model, numerics, fixed, periods, heights, ceiling.height, s, w, scratch, found)
     left, spent, gone, speed, mean_x, mean_y, drift = -1.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
     quarter = 0.5 * min(fixed.half_x, fixed.half_y)
     nonlinear, mapped = 0, 0
@@ -317,8 +306,9 @@ def march_many(
         descent, shear = 0.0, shear_of(model, pad_height)
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
+        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
         if (model.has_pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
-            settle_many(s, found, periods)
+            share_out(np.int64(SETTLE), pieces, now, lists, met, *others)
             spent += skin - left + 2.0 * dt * speed
             if spent > room and spent < math.inf:
                 spent = 2.0 * farthest(s, origin, periods)
@@ -329,7 +319,8 @@ def march_many(
                 drift = math.hypot(mean_x, mean_y)
                 for i in range(n):
                     w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
-            list_near(s, lists, met, skin, periods)
+            now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
+            share_out(np.int64(LIST), met.near.size, now, lists, met, *others)
             left, gone, speed = skin, 0.0, highest_of(w.pace)
         else:
             left -= 2.0 * dt * speed
@@ -338,10 +329,10 @@ def march_many(
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
 
-        watch_many(model, fixed, heights, ceiling.height, s, w, found, step, pad_height, mean_x, mean_y)
+        share_out(np.int64(WATCH), pieces, now, lists, met, *others)
         nonlinear += found.nonlinear.sum()
         speed = max(speed, highest_of(found.pace))
-        collide_many(model, fixed, s, w, lists, met, shear, pad_height, numerics.ledger_speed)
+        share_out(np.int64(COLLIDE), met.near.size, now, lists, met, *others)
         on_pad = 0
         if model.has_pad and numerics.ledger_speed <= speed + descent:
             on_pad = fast_on_pad(s.z, s.vz, s.radius, pad_height, descent, numerics.ledger_speed)
@@ -370,10 +361,8 @@ def march_many(
         if on_pad > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
 
-        move_many(
-            model, numerics, fixed, s, w, scratch, found, step, shear, pad_height, descent, nonlinear > 0,
-            mean_x, mean_y,
-        )  # fmt: skip
+        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
+        share_out(np.int64(MOVE), pieces, now, lists, met, *others)
         faster = max(highest_of(found.thrown) - speed, 0.0)
         left -= 2.0 * dt * faster
         gone += dt * faster

@@ -13,13 +13,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import kernel, part
+from reference.compiled import formula, inner, part
 from reference.contact import effective_modulus
 from reference.neighbors import minimum_image, neighbor_pairs
 from reference.timestep import wrap
 
 FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
+
+
+@formula
+def half_period(length):
+    """Half of a period, m; infinite where there is none."""
+    return 0.5 * length if length > 0.0 else math.inf
 
 
 @part
@@ -41,7 +47,7 @@ def nearest_image(distance, period, half):
     return distance + shift_to_image(distance, period, half)
 
 
-@kernel
+@inner
 def settle(s, first, last, periods):
     """Wrap the positions of particles first ... last - 1, as is done before pairs are listed."""
     for i in range(first, last):
@@ -80,14 +86,14 @@ class Lists(NamedTuple):
     facts: np.ndarray  # (FACTS P,), what does not change of each of these, see `Fact`
 
 
-@kernel
+@inner
 def lists_of(wide):
     """Lists for a wide list of pairs."""
     pairs = wide.shape[0]
     return Lists(wide.astype(np.uint32), np.empty(2 * pairs, np.uint32), np.empty(FACTS * pairs))
 
 
-@kernel
+@inner
 def squares_from(x, y, z, i, length_x, length_y, length_z, half_x, half_y, half_z, square):
     """Squared distances, to the nearest image, of particle i from the ones after it, into `square`."""
     for j in range(i + 1, square.size):
@@ -98,16 +104,15 @@ def squares_from(x, y, z, i, length_x, length_y, length_z, half_x, half_y, half_
         square[j] = dx * dx + dy * dy + dz * dz
 
 
-@kernel
+@inner
 def pairs_of_few(s, n, cutoff, periods):
     """As `neighbor_pairs`, by looking at all pairs: with few particles vector instructions beat cells."""
-    halves = np.where(periods > 0.0, 0.5 * periods, math.inf)
+    length_x, length_y, length_z = periods[0], periods[1], periods[2]
+    half_x, half_y, half_z = half_period(length_x), half_period(length_y), half_period(length_z)
     square = np.empty(n)
     pairs, found = np.empty((n * (n - 1) // 2, 2), np.int64), 0
     for i in range(n):
-        squares_from(
-            s.x, s.y, s.z, i, periods[0], periods[1], periods[2], halves[0], halves[1], halves[2], square
-        )
+        squares_from(s.x, s.y, s.z, i, length_x, length_y, length_z, half_x, half_y, half_z, square)
         for j in range(i + 1, n):
             if square[j] < cutoff * cutoff:
                 pairs[found, 0], pairs[found, 1] = i, j
@@ -115,7 +120,7 @@ def pairs_of_few(s, n, cutoff, periods):
     return pairs[:found]
 
 
-@kernel
+@inner
 def list_wide(s, largest, periods, origin):
     """All pairs (P, 2) closer than the largest diameter and the wide skin; positions go to `origin`."""
     n, cutoff = origin.x.shape[0], (1.0 + WIDE) * largest
@@ -128,7 +133,7 @@ def list_wide(s, largest, periods, origin):
     return neighbor_pairs(position, cutoff, periods)
 
 
-@kernel
+@inner
 def farthest(s, origin, periods):
     """The longest way of a particle from its origin, relative to the mean of all, m."""
     n = origin.x.shape[0]
@@ -149,7 +154,7 @@ def farthest(s, origin, periods):
     return math.sqrt(most)
 
 
-@kernel
+@inner
 def list_narrow_of(s, lists, skin, periods, first, last):
     """List those of the wide pairs first ... last - 1 that are closer than touching and `skin`.
 
@@ -157,9 +162,7 @@ def list_narrow_of(s, lists, skin, periods, first, last):
     what Hertz's duration needs of a pair that does not change.
     """
     wide, narrow, facts, at = lists.wide, lists.narrow, lists.facts, first
-    half_x = 0.5 * periods[0] if periods[0] > 0.0 else math.inf
-    half_y = 0.5 * periods[1] if periods[1] > 0.0 else math.inf
-    half_z = 0.5 * periods[2] if periods[2] > 0.0 else math.inf
+    half_x, half_y, half_z = half_period(periods[0]), half_period(periods[1]), half_period(periods[2])
     for pair in range(first, last):
         i, j = wide[pair, 0], wide[pair, 1]
         dx, dy = s.x[j] - s.x[i], s.y[j] - s.y[i]
@@ -184,7 +187,7 @@ def fastest(x_low, x_high, y_low, y_high, z_low, z_high, mean_x, mean_y):
     return math.sqrt(a * a + b * b + c * c)
 
 
-@kernel
+@inner
 def mean(values, n):
     """Mean of the first n values."""
     total = 0.0

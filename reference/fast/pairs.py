@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.collisions import drag_on
-from reference.compiled import kernel, part
+from reference.compiled import inner, part
 from reference.contact import HERTZ
 from reference.fast.near import FACTS, F, nearest_image
 from reference.state import FLOW_COUETTE
@@ -52,7 +52,7 @@ class Batch(NamedTuple):
 B = Batch()
 
 
-@kernel
+@inner
 def batch():
     """Room for one batch."""
     return np.ones(len(B) * LANES)

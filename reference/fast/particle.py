@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import formula, kernel, part
+from reference.compiled import formula, part
 from reference.contact import surface_normal_impulse
 from reference.fast.events import bounce, strike
-from reference.fast.near import fastest
+from reference.fast.near import fastest, half_period
 from reference.fast.pairs import acceleration_in
 from reference.fast.swarm import adapt
 from reference.fast.watch import (
@@ -65,7 +65,6 @@ class Watch(NamedTuple):
     changed: np.ndarray  # (nx, ny), step of the last removal near a square
 
 
-@kernel
 def know_all(n, shape):
     """All particles are looked at in step 0; the surface has squares of this `shape`."""
     return Watch(
@@ -98,13 +97,6 @@ def fastest_flow(model):
     return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
 
 
-@formula
-def half_period(length):
-    """Half of a period, m; infinite where there is none."""
-    return 0.5 * length if length > 0.0 else math.inf
-
-
-@kernel
 def fixed_of(model, numerics, dt, largest, mapped_within):
     """`Fixed` for steps of `dt` and a map of the surface that looks `mapped_within` (m) around."""
     couette = model.flow == FLOW_COUETTE

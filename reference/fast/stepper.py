@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from reference.fast.ceiling import ceiling_over
-from reference.fast.few import advance_few
+from reference.fast.few import march_few
 from reference.fast.many import march_many
-from reference.fast.pairs import batch
 from reference.fast.particle import fastest_flow, fixed_of, know_all
 from reference.fast.swarm import MANY, bring_back, scratch_of, swarm_of
 from reference.fast.watch import AHEAD, MARGIN
@@ -24,20 +23,20 @@ BOOKED = ("contacts", "removals", "removed_volume", "removed_mass", "depth_sum")
 
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """Advance as `timestep.advance` does, with the scheme `point_implicit`; the same arguments and status."""
-    if len(p.mass) < MANY:
-        return advance_few(model, numerics, progress, t_end, steps_left, p, heights, rows)
-    t_start = progress[P.time]
+    n, t_start = len(p.mass), progress[P.time]
     dt = (t_end - t_start) / max(steps_left, 1)
     periods = np.array([model.length_x, model.length_y, model.length_z])
-    largest = p.diameter.max()
-    order = cell_order(p.position, 2.0 * largest, periods)
-    s, w = swarm_of(model, dt, p, order), know_all(len(order), heights.shape)
+    largest = p.diameter.max(initial=0.0)
+    many = n >= MANY
+    order = cell_order(p.position, 2.0 * largest, periods) if many else np.arange(n)
+    s, w = swarm_of(model, dt, p, order), know_all(n, heights.shape)
     way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
     ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
     fixed = fixed_of(model, numerics, dt, largest, ceiling.reach)
-    status = march_many(
+    march = march_many if many else march_few
+    status = march(
         model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling,
-        scratch_of(len(order), batch()), order, heights, rows,
+        scratch_of(n), order, heights, rows,
     )  # fmt: skip
     bring_back(model, s, p, order)
     return status

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import inlined, kernel
+from reference.compiled import inlined, inner, kernel
 from reference.state import FLOW_NONE
 from reference.timestep import wrap
 
@@ -55,17 +55,13 @@ class Scratch(NamedTuple):
     kept: np.ndarray  # (N, 9), position, velocity and impulse of the special ones before the step
     position: np.ndarray  # (3,), of one particle
     velocity: np.ndarray  # (3,)
-    meeting: np.ndarray  # pairs of a batch of contacts
-    batch: np.ndarray  # what is known of them, see `pairs.Batch`
-    bits: np.ndarray  # the same memory as integers
 
 
-@kernel
-def scratch_of(n, batch):
-    """Scratch for n particles, none of them in contact, and a batch of contacts."""
+def scratch_of(n):
+    """Scratch for n particles, none of them in contact."""
     return Scratch(
         np.empty(n + 1, np.uint32), np.full(n, -1), np.empty(n, np.uint32), np.empty(n, np.uint32),
-        np.empty((n, 9)), np.empty(3), np.empty(3), np.empty(LANES, np.uint32), batch, batch.view(np.int64),
+        np.empty((n, 9)), np.empty(3), np.empty(3),
     )  # fmt: skip
 
 
@@ -83,14 +79,17 @@ def views(flat, row, size):
     )  # fmt: skip
 
 
-@kernel
 def swarm_of(model, dt, p, order):
     """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
-    n = p.mass.shape[0]
-    padded = LANES * ((n + LANES - 1) // LANES)
-    row = ROW if padded <= ROW else padded
-    flat = np.zeros(17 * row)
-    s = views(flat, row, padded)
+    padded = LANES * ((len(order) + LANES - 1) // LANES)
+    row = max(ROW, padded)
+    return filled(model, dt, p, order, np.zeros(17 * row), row, padded)
+
+
+@kernel
+def filled(model, dt, p, order, flat, row, padded):
+    """`swarm_of` in the memory `flat`, whose components are `row` numbers apart."""
+    n, s = order.size, views(flat, row, padded)
     for i in range(n):
         k = order[i]
         s.x[i], s.y[i], s.z[i] = p.position[k]
@@ -105,7 +104,7 @@ def swarm_of(model, dt, p, order):
     return s
 
 
-@kernel
+@inner
 def adapt(s, dt, i):
     """Adapt what depends on the mass of particle i."""
     s.rate[i] = s.drag[i] / s.mass[i]

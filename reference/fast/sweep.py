@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import numba
 
-from reference.compiled import kernel, part
+from reference.compiled import inner, part
 from reference.state import FLOW_COUETTE
 
 # nothing is infinite, and the sign of a zero does not matter: then the highest of numbers is a vector
 # instruction, and still the same in whatever order they are compared
-comparing = numba.njit(error_model="numpy", nogil=True, fastmath={"nsz", "nnan"})
+comparing = numba.njit(error_model="numpy", nogil=True, fastmath={"nsz", "nnan"}, no_cfunc_wrapper=True)
 
 
 @comparing
@@ -28,7 +28,7 @@ def highest_of(values):
     return highest
 
 
-@kernel
+@inner
 def fast_on_pad(z, vz, radius, pad_height, descent, speed):
     """How many particles meet the pad at `speed` (m/s) or faster."""
     found = 0

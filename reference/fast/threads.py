@@ -13,7 +13,7 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 
 from reference.compiled import inlined
 
@@ -22,9 +22,9 @@ PAIRS = 2048  # pairs
 
 # The body of such a loop is one call of piecework: what it assigned by itself to an array of a named tuple
 # would be lost.
-threaded = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True)
+threaded = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True, no_cfunc_wrapper=True)
 # what a thread does with one piece; no array is made in it, so that no references need be counted
-piecework = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+piecework = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True, _nrt=False)
 
 
 def most_threads() -> int:

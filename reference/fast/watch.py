@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import kernel, part
+from reference.compiled import inner, part
 from reference.heightfield import height_at
 from reference.state import FLOW_COUETTE
 from reference.triangle import closest_point_on_triangle
@@ -39,7 +39,7 @@ class Ring(NamedTuple):
     first: np.ndarray  # (HORIZON,), the first particle of each list, or -1
 
 
-@kernel
+@inner
 def ring_of(n):
     """A ring in whose lists none of n particles is yet."""
     return Ring(np.full(n, -1), np.full(n, -1), np.full(HORIZON, -1))
