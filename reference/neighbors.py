@@ -92,8 +92,10 @@ def _cells(position, width, periods):
     low, extent, cell, counts = np.zeros(3), periods.copy(), np.ones(3), np.ones(3, np.int64)
     for axis in range(3):
         if periods[axis] == 0.0 and n > 0:
-            low[axis] = position[:, axis].min()
-            extent[axis] = position[:, axis].max() - low[axis]
+            lowest = highest = position[0, axis]
+            for i in range(1, n):
+                lowest, highest = min(lowest, position[i, axis]), max(highest, position[i, axis])
+            low[axis], extent[axis] = lowest, highest - lowest
         if width > 0.0:
             counts[axis] = max(1, math.floor(min(extent[axis] / width, 1e6)))
     while counts[0] * counts[1] * counts[2] > 8 * n + 27:  # bounded memory for sparse systems

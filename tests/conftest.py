@@ -14,13 +14,14 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # before Numba is imported: tes
 settings.register_profile("cmpcheck", deadline=None, derandomize=True, database=None)
 settings.load_profile("cmpcheck")
 
-FIRST = "test_fast.py"  # compiles both loops of the fast stepper, each for most of a minute
+# compile the reference's kernels, those of the fast stepper too, and the fix of LAMMPS: each most of a minute
+FIRST = ("test_fast.py", "test_fix.py")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Sort files that are shared out: FIRST, those with slow tests, the others as they stand."""
+    """Sort files that are shared out: those of FIRST, those with slow tests, the others as they stand."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         return
     slow = {item.path for item in items if any(item.iter_markers("slow"))}
-    items.sort(key=lambda item: (item.path.name != FIRST, item.path not in slow))
+    items.sort(key=lambda item: (item.path.name not in FIRST, item.path not in slow))
