@@ -2,7 +2,8 @@
 
 The layer of `polish_pair` at larger N, with pairs, drag, surface, pad and removal, from its start on. Each
 measurement is a process of its own: calls of the kernel as long as those of a run, of which the first, which
-compiles and warms up, does not count. `python -m benchmarks.crowd N` is one.
+compiles and warms up, does not count. The plain stepper makes the same steps, in one thread, up to 1e5
+particles. `python -m benchmarks.crowd STEPPER N` is one measurement.
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ from reference.process import build_setup
 from reference.schemes import Numerics
 from reference.simulation import LEAST_STEPS
 from reference.timestep import DONE, LEDGER_FULL, P, new_progress
+from reference.timestep import advance as advance_plain
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 CALLS = 2  # measured, after the first
+MOST_PLAIN = 100_000  # particles
 ROWS = 1 << 16
 
 
-def one_size(count: int) -> dict[str, Any]:
+def one_size(stepper: str, count: int) -> dict[str, Any]:
     """Seconds of a particle-step, bytes that the steps needed at most, and a digest of where they led to."""
+    advance = {"fast": advance_fast, "plain": advance_plain}[stepper]
     setup = build_setup(crowded(count, {}))
     state, before = setup.state, resident("VmRSS")
     numerics = Numerics(setup.time_step, False, 1e-6, 8, False, False, setup.case.numerics.ledger_speed)
@@ -44,7 +48,7 @@ def one_size(count: int) -> dict[str, Any]:
     for call in range(1 + CALLS):
         begin, end = perf_counter(), (call + 1) * steps
         while scalars[P.steps] < end:
-            status = advance_fast(
+            status = advance(
                 setup.model, numerics, scalars, end * setup.time_step, int(end - scalars[P.steps]),
                 state.particles, state.heights, rows,
             )  # fmt: skip
@@ -56,31 +60,38 @@ def one_size(count: int) -> dict[str, Any]:
         times.append((perf_counter() - begin) / steps / count)
     digest = hashlib.sha256(state.position.tobytes() + state.velocity.tobytes() + state.heights.tobytes())
     return {
-        "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
+        "stepper": stepper, "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
         "contacts": scalars[P.contacts] / scalars[P.steps] / count, "digest": digest.hexdigest(),
     }  # fmt: skip
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """`crowd`: for each N and number of threads seconds of a particle-step; whether all ended the same."""
-    runs = []
-    for threads in sorted({1, most_threads()}):
-        for count in SIZES[:-2] if quick else SIZES:
-            done = subprocess.run(
-                [sys.executable, "-m", "benchmarks.crowd", str(count)], capture_output=True, text=True,
-                cwd=Path(__file__).parents[1], check=True, stdin=subprocess.DEVNULL,
-                env=os.environ | {"NUMBA_NUM_THREADS": str(threads)},
-            )  # fmt: skip
-            runs.append(json.loads(done.stdout) | {"threads": threads})
-            print(runs[-1], flush=True)
+    sizes = SIZES[:-2] if quick else SIZES
+    runs = [run("fast", count, threads) for threads in sorted({1, most_threads()}) for count in sizes]
+    plain = [run("plain", count, 1) for count in sizes if count <= MOST_PLAIN]
     alone = [one["s"] for one in runs if one["threads"] == 1 and one["N"] >= BASE]
     ends = {(one["N"], one["digest"]) for one in runs}
+    several = most_threads() > 1
     return {
         "crowd": {
-            "runs": runs, "spread": max(alone) / min(alone), "same_to_the_bit": len(ends) == len(runs) / 2
-            if most_threads() > 1 else None, "bytes_per_particle": runs[-1]["bytes"] / runs[-1]["N"],
+            "runs": runs, "plain": plain, "spread": max(alone) / min(alone),
+            "same_to_the_bit": len(ends) == len(runs) / 2 if several else None,
+            "bytes_per_particle": runs[-1]["bytes"] / runs[-1]["N"],
         }
     }  # fmt: skip
+
+
+def run(stepper: str, count: int, threads: int) -> dict[str, Any]:
+    """`one_size` in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.crowd", stepper, str(count)], capture_output=True, text=True,
+        cwd=Path(__file__).parents[1], check=True, stdin=subprocess.DEVNULL,
+        env=os.environ | {"NUMBA_NUM_THREADS": str(threads)},
+    )  # fmt: skip
+    found: dict[str, Any] = json.loads(done.stdout) | {"threads": threads}
+    print(found, flush=True)
+    return found
 
 
 def lines(results: dict[str, Any]) -> list[str]:
@@ -92,6 +103,7 @@ def lines(results: dict[str, Any]) -> list[str]:
     threads = sorted({one["threads"] for one in found["runs"]})
     same = {True: "All numbers of threads led to the same bits.", None: "There was one core only.",
             False: "**Numbers of threads led to different bits.**"}[found["same_to_the_bit"]]  # fmt: skip
+    plain = {one["N"]: one["s"] for one in found.get("plain", [])}
     base = by_size[min(by_size, key=lambda n: abs(n - BASE))][1]
     text = [
         "`polish_pair` with more particles at the same density: pairs, drag, surface, pad and removal; the "
@@ -101,14 +113,17 @@ def lines(results: dict[str, Any]) -> list[str]:
         f"Memory: {found['bytes_per_particle']:.0f} bytes per particle, surface and ledger included.",
         "",
         "| N | " + " | ".join(f"ns per particle-step, {k} thread{'s' * (k > 1)}" for k in threads)
-        + f" | over that at N = {BASE} | threads: times as fast |",
-        "|---:|" + "---:|" * (len(threads) + 2),
+        + f" | over that at N = {BASE} | threads: times as fast | plain stepper, ns | fast: times as fast |",
+        "|---:|" + "---:|" * (len(threads) + 4),
     ]  # fmt: skip
     for n, cost in sorted(by_size.items()):
         columns = " | ".join(f"{1e9 * cost[k]:.1f}" for k in threads)
-        text.append(f"| {n} | {columns} | {cost[1] / base:.2f} | {cost[1] / cost[threads[-1]]:.2f} |")
+        beside = f"{1e9 * plain[n]:.1f} | {plain[n] / cost[1]:.1f}" if n in plain else "|"
+        text.append(
+            f"| {n} | {columns} | {cost[1] / base:.2f} | {cost[1] / cost[threads[-1]]:.2f} | {beside} |"
+        )
     return text
 
 
 if __name__ == "__main__":
-    print(json.dumps(one_size(int(sys.argv[1]))))
+    print(json.dumps(one_size(sys.argv[1], int(sys.argv[2]))))

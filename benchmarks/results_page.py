@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from benchmarks import record
@@ -36,7 +37,8 @@ def write(pieces: Mapping[str, ModuleType], problems: Mapping[str, str], folder:
     plots = {"cost_over_particles.svg": over_particles(results), "cost_over_time.svg": over_time(results)}
     for name, figure in plots.items():
         if figure is not None:
-            figure.savefig(folder / name, metadata={"Date": None}, bbox_inches="tight")
+            with rc_context({"svg.hashsalt": "cmpcheck"}):  # the same figure is the same file
+                figure.savefig(folder / name, metadata={"Date": None}, bbox_inches="tight")
     drawn = [name for name, figure in plots.items() if figure is not None]
     (folder / PAGE).write_text("\n".join(text(pieces, problems, results, drawn)), "utf-8")
 
@@ -87,7 +89,10 @@ def circumstances(found: dict[str, Any]) -> list[str]:
 
 
 def over_particles(results: dict[str, Any]) -> Figure | None:
-    """Nanoseconds of a particle-step over N, every engine; None where nothing was measured."""
+    """Nanoseconds of a particle-step over N: engines on one core, the fast stepper on each number of threads.
+
+    None where nothing was measured.
+    """
     speeds = results.get("particle_steps_per_s", {})
     layer = results.get("scaling", {}).get("runs", [])
     if not speeds and not layer:
@@ -103,7 +108,19 @@ def over_particles(results: dict[str, Any]) -> Figure | None:
             [one["N"] for one in layer], [1e9 * one["s"] for one in layer], "k--", marker="s",
             label="reference, a layer without surface",
         )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="particles N", ylabel="ns per particle-step, one core")
+    crowd = {"runs": [], "plain": []} | results.get("crowd", {})
+    for threads in sorted({one["threads"] for one in crowd["runs"]}):
+        points = [(one["N"], 1e9 * one["s"]) for one in crowd["runs"] if one["threads"] == threads]
+        axes.plot(
+            *zip(*points, strict=True), ":", marker="^", color={1: "black"}.get(threads, "gray"),
+            label=f"fast stepper, rough surface and pad, {threads} thread{'s' * (threads > 1)}",
+        )  # fmt: skip
+    if crowd["plain"]:
+        axes.plot(
+            [one["N"] for one in crowd["plain"]], [1e9 * one["s"] for one in crowd["plain"]], "k-.",
+            marker="v", label="plain stepper, rough surface and pad",
+        )  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="particles N", ylabel="ns per particle-step")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
