@@ -103,13 +103,14 @@ def lines(results: dict[str, Any]) -> list[str]:
     threads = sorted({one["threads"] for one in found["runs"]})
     same = {True: "All numbers of threads led to the same bits.", None: "There was one core only.",
             False: "**Numbers of threads led to different bits.**"}[found["same_to_the_bit"]]  # fmt: skip
-    plain = {one["N"]: one["s"] for one in found.get("plain", [])}
+    plain = {one["N"]: one["s"] for one in found["plain"]}
     base = by_size[min(by_size, key=lambda n: abs(n - BASE))][1]
     text = [
         "`polish_pair` with more particles at the same density: pairs, drag, surface, pad and removal; the "
         f"fast stepper, below N = {MANY} its loop for few, with what each call of it takes to begin. "
         f"In one thread the cost of a particle-step varies by a factor of {found['spread']:.2f} from "
-        f"N = {BASE} on (goal: {GOAL:g} at most). {same} "
+        f"N = {BASE} on (goal: {GOAL:g} at most). {same} The plain stepper, in one thread, was asked up to "
+        f"N = {MOST_PLAIN}; how many times as fast the fast one is, is in one thread too. "
         f"Memory: {found['bytes_per_particle']:.0f} bytes per particle, surface and ledger included.",
         "",
         "| N | " + " | ".join(f"ns per particle-step, {k} thread{'s' * (k > 1)}" for k in threads)

@@ -95,7 +95,8 @@ def over_particles(results: dict[str, Any]) -> Figure | None:
     """
     speeds = results.get("particle_steps_per_s", {})
     layer = results.get("scaling", {}).get("runs", [])
-    if not speeds and not layer:
+    crowd = {"runs": [], "plain": []} | results.get("crowd", {})
+    if not speeds and not layer and not crowd["runs"]:
         return None
     figure = Figure(figsize=(7, 4.6))
     axes = figure.subplots()
@@ -108,7 +109,6 @@ def over_particles(results: dict[str, Any]) -> Figure | None:
             [one["N"] for one in layer], [1e9 * one["s"] for one in layer], "k--", marker="s",
             label="reference, a layer without surface",
         )  # fmt: skip
-    crowd = {"runs": [], "plain": []} | results.get("crowd", {})
     for threads in sorted({one["threads"] for one in crowd["runs"]}):
         points = [(one["N"], 1e9 * one["s"]) for one in crowd["runs"] if one["threads"] == threads]
         axes.plot(
@@ -120,7 +120,12 @@ def over_particles(results: dict[str, Any]) -> Figure | None:
             [one["N"] for one in crowd["plain"]], [1e9 * one["s"] for one in crowd["plain"]], "k-.",
             marker="v", label="plain stepper, rough surface and pad",
         )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="particles N", ylabel="ns per particle-step")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="particles N",
+        ylabel="ns per particle-step, one thread unless named",
+    )
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

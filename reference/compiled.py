@@ -1,9 +1,10 @@
 """How the model's functions are compiled: `formula` for one equation, `kernel` for a loop.
 
 A `formula` is ordinary Python for its callers (arrays broadcast) and is compiled into the kernels that use
-it.  A `kernel` is compiled at its first call and kept on disk.  Numba does not notice when a function that
-a cached kernel calls has changed, so the cache folder is named after the digest of the sources.
-No physics here.
+it.  A `kernel` is compiled at its first call and kept on disk.  The others are pieces of kernels.
+
+Numba does not notice when a function that a cached kernel calls has changed, so the cache folder is named
+after the digest of the sources.  No physics here.
 """
 
 from __future__ import annotations
@@ -50,14 +51,17 @@ def _cache_folder() -> str:
 if not os.environ.get("NUMBA_CACHE_DIR"):
     numba.config.CACHE_DIR = _cache_folder()
 
-# For what compiled code alone calls Numba makes no ways in from Python and C, a fifth of its work: for Python
-# these functions are Python.
-formula = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
-inner = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True)
-# part of a loop: a call would copy the model's constants each time. Put in place by LLVM, compiled once
-part = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True, forceinline=True)
+# Called from Python: kept on disk.
 kernel = numba.njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)
-# the same as a part, put in place by Numba: takes longer to compile, and is a few percent faster
+# What compiled code alone calls: Numba makes no ways in from Python and C, a fifth of its work, and for
+# Python these functions are Python.  A `part` of a loop LLVM puts in place, since a call would copy the
+# model's constants each time.  No array is made in what is `uncounted`, so that no references to those it is
+# given need be counted.
+formula = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
+inner = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=False)
+part = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=True)
+uncounted = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=False, _nrt=False)
+# a part that Numba puts in place: takes longer to compile, and is a few percent faster
 inlined = numba.njit(error_model="numpy", nogil=True, inline="always", no_cfunc_wrapper=True)
 # without the JIT a formula is plain Python, which numba.vectorize cannot compile
 broadcast = np.vectorize if numba.config.DISABLE_JIT else numba.vectorize(cache=True)

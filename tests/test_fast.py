@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
 import json
 import os
-import pkgutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +25,8 @@ from reference.compiled import kernel
 from reference.contact import impact_duration
 from reference.fast.ceiling import ceiling_over, highest_node
 from reference.fast.near import FEW
-from reference.fast.pairs import LANES, B, durations, guess_durations, impulse_on_first
+from reference.fast.pairs import LANES, B, batch, durations, guess_durations, impulse_on_first
+from reference.fast.swarm import MANY
 from reference.process import build_setup
 from reference.recording import Run
 from reference.simulation import simulate_setup
@@ -147,6 +148,19 @@ def test_balances_of_mass_and_volume_close_and_the_others_are_left_out(loop):
     assert run.history["contact_loss"].isna().all()
 
 
+@kernel
+def compiled_impulse(*numbers):
+    """`pairs.impulse_on_first` as it is compiled; called from Python it would be Python."""
+    return impulse_on_first(*numbers)
+
+
+@kernel
+def compiled_durations(contacts, bits):
+    """Durations of a batch as they are compiled; `bits` is the memory of the batch as integers."""
+    guess_durations(bits, LANES)
+    durations(contacts, LANES)
+
+
 @given(
     m_i=st.floats(1e-16, 1e-14), m_j=st.floats(1e-16, 1e-14), restitution=st.floats(0.0, 1.0),
     static=st.floats(0.0, 1.0), share=st.floats(0.0, 1.0), duration=st.floats(1e-10, 1e-7), data=st.data(),
@@ -173,7 +187,7 @@ def test_the_short_form_of_an_impulse_is_that_of_the_equations(
         model, dt, m_i, m_j, 9e-7, 9e-7, 1e11, tuple(n), tuple(v), float(v @ n), *map(tuple, forces)
     )
     m_eff = m_i * m_j / (m_i + m_j)
-    short = pushed_first(
+    short = compiled_impulse(
         restitution, static, share * static, m_eff, min(duration, dt), float(v @ n), *n, *v,
         *(forces[0] / m_i - forces[1] / m_j),
     )  # fmt: skip
@@ -185,26 +199,13 @@ def test_the_short_form_of_an_impulse_is_that_of_the_equations(
         np.testing.assert_allclose(short, full[:3], rtol=0.0, atol=64 * EPS * sizes)
 
 
-@kernel
-def pushed_first(*numbers):
-    """`pairs.impulse_on_first`, which compiled code alone can call."""
-    return impulse_on_first(*numbers)
-
-
-@kernel
-def hertz(contacts, bits):
-    """Durations of a batch, as `pairs.impulses_of_batch` finds them."""
-    guess_durations(bits, LANES)
-    durations(contacts, LANES)
-
-
 def test_durations_by_newton_are_those_of_the_power():
     """Over thirty decades of q; the last of Newton's steps leaves its own round-off, some 8 eps."""
     radius, modulus, mass = 2e-7, 1.9e11, 7e-16
-    contacts = np.ones(len(B) * LANES)
+    contacts = batch()
     for speeds in np.logspace(-12, 3, 20 * LANES).reshape(-1, LANES):
         contacts[B.hertz : B.hertz + LANES] = radius * modulus**2 * speeds / mass**2
-        hertz(contacts, contacts.view(np.int64))
+        compiled_durations(contacts, contacts.view(np.int64))
         np.testing.assert_allclose(
             contacts[B.duration : B.duration + LANES], impact_duration(mass, radius, modulus, speeds),
             rtol=16 * EPS, atol=0.0,
@@ -230,18 +231,22 @@ import json, sys
 import numpy as np
 sys.path.insert(0, "tests")
 from test_fast import HELD, polish
+import reference.fast.stepper
 from cmpcheck.components.steppers import shortened, with_stepper
 from reference.simulation import simulate_setup
+reference.fast.stepper.MANY = int(sys.argv[1])  # particles, from which on the loop for many moves them
 run = simulate_setup(with_stepper(shortened(polish(HELD), 60), "fast"))
 print(json.dumps([run.positions.tolist(), len(run.contacts)]))
 """
 
 
-def test_the_same_without_the_jit():
+@pytest.mark.parametrize("many", [MANY, 1])
+def test_the_same_without_the_jit(many, monkeypatch):
     """60 steps in plain Python, to the round-off that fused operations and the order of sums leave."""
+    monkeypatch.setattr("reference.fast.stepper.MANY", many)
     found = subprocess.run(
-        [sys.executable, "-c", BARE], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True,
-        text=True, check=True,
+        [sys.executable, "-c", BARE, str(many)], env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True, text=True, check=True,
     )  # fmt: skip
     positions, contacts = json.loads(found.stdout)
     setup = with_stepper(shortened(polish(HELD), 60), "fast")
@@ -253,10 +258,9 @@ def test_the_same_without_the_jit():
 
 def test_nothing_is_compiled_that_may_be_rounded_otherwise_by_another_compiler():
     """No operations fused or in another order: what is taken as given is NaN and the sign of a zero alone."""
-    flags = {}
-    for module in pkgutil.walk_packages(reference.__path__, "reference."):
-        for name, found in vars(importlib.import_module(module.name)).items():
-            if hasattr(found, "targetoptions"):
-                flags[name] = set(found.targetoptions.get("fastmath") or ())
-    assert flags["highest_of"]  # the one function that has some, so that the search sees them
-    assert set().union(*flags.values()) <= {"nsz", "nnan"}
+    found = []
+    for path in sorted(Path(reference.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.keyword) and node.arg == "fastmath":
+                found.append((path.name, ast.literal_eval(node.value)))
+    assert found == [("sweep.py", {"nsz", "nnan"})]

@@ -1,7 +1,7 @@
 """Single contacts of the fast stepper: strikes on the surface, and the ledger rows of pairs and of the pad.
 
 They are few: what they give is computed by the functions of `collisions.py`.  No array is made here: the loop
-that calls these kernels counts no references.
+that calls these functions counts no references.
 """
 
 from __future__ import annotations

@@ -1,251 +1,28 @@
-"""The fast stepper's loop for many particles, in threads: each phase of a step is a loop over pieces.
+"""The fast stepper's loop for many particles: the order of a step's phases, which threads share out.
 
-What is done for one particle is `particle.py`; here are the order of the phases and what they hand on.
-Contacts are added up in the order of the pieces, one after another.
+What is done with one piece of particles or pairs is `pieces.py`.  Contacts are added up here, in the order of
+the pieces, one after another: threads change nothing.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from reference import ledger as col
 from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
-from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
-from reference.fast.pairs import LANES, B, batch, next_batch
-from reference.fast.particle import (
-    COLUMNS,
-    box_holds,
-    check_thrown,
-    depart,
-    find_surface,
-    hit_surface,
-    keep,
-    pace_of,
-    renew,
-    shear_of,
-    solve_special,
-    speed_apart,
-)
-from reference.fast.sweep import fast_on_pad, glide, highest_of
-from reference.fast.threads import PAIRS, PIECE, pieces_of, piecework, prefetch, threaded
-from reference.fast.watch import AHEAD, MOST_CLOSE
+from reference.fast.near import WIDE, Origin, farthest, list_wide, lists_of, mean
+from reference.fast.particle import hit_surface, pace_of, shear_of
+from reference.fast.pieces import COLLIDE, LIST, MOVE, SETTLE, WATCH, Now, found_of, met_of, share_out
+from reference.fast.sweep import fast_on_pad, highest_of
+from reference.fast.threads import PAIRS, PIECE
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
-SETTLE, LIST, WATCH, COLLIDE, MOVE = range(5)  # phases of a step that are shared out
 SKIN = 0.3  # of the narrow list, of the largest diameter: among many, one is always fast
-
-
-class Found(NamedTuple):
-    """What the pieces of a step have found among N particles; F pieces."""
-
-    listed: np.ndarray  # (N,), from the first particle of each piece on: who is looked at; then who hits
-    hit: np.ndarray  # (N, 6), in the same places: normal and point of contact of those
-    hits: np.ndarray  # (F,), how many
-    pace: np.ndarray  # (F,), highest speed in a new box, relative to the mean, m/s
-    nonlinear: np.ndarray  # (F,), how many more may have drag that is not linear
-    met_pad: np.ndarray  # (F,), how many meet it
-    thrown: np.ndarray  # (F,), highest speed of those thrown out of their boxes, m/s
-    status: np.ndarray  # (F,)
-    culprit: np.ndarray  # (F,), the particle that it is about
-
-
-class Met(NamedTuple):
-    """What the pieces of the wide list of P pairs have found; G pieces."""
-
-    near: np.ndarray  # (G,), how many are in the narrow list, from the first pair of the piece on
-    pair: np.ndarray  # (P,), in the same places: number in the narrow list of those in contact
-    contact: np.ndarray  # (P, 5), impulse of the first one, N s, speed of approach, m/s, and duration, s
-    touching: np.ndarray  # (G,), how many of them
-    noted: np.ndarray  # (G,), how many of these have a ledger row
-    meeting: np.ndarray  # (G, LANES), see `pairs.next_batch`
-    batch: np.ndarray  # (G, ...)
-    bits: np.ndarray  # the same memory as integers
-
-
-class Now(NamedTuple):
-    """What is the same for all particles in one step."""
-
-    step: int
-    pad_height: float  # m
-    descent: float  # speed of the pad, m/s
-    shear: float  # of a Couette flow, 1/s
-    mean_x: float  # velocity that paces are relative to, m/s
-    mean_y: float
-    some_nonlinear: bool  # whether some may have drag that is not linear
-    skin: float  # of the narrow list, m
-
-
-@inner
-def found_of(n):
-    """Room for what n particles may do."""
-    f = pieces_of(n, PIECE)
-    return Found(
-        np.empty(n, np.uint32), np.empty((n, 6)), np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64),
-        np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64), np.zeros(f, np.int64),
-    )  # fmt: skip
-
-
-@inner
-def met_of(pairs):
-    """Room for what this many pairs may do."""
-    g = pieces_of(pairs, PAIRS)
-    batches = np.ones((g, batch().size))
-    return Met(
-        np.zeros(g, np.int64), np.empty(pairs, np.uint32), np.empty((pairs, 5)), np.zeros(g, np.int64),
-        np.zeros(g, np.int64), np.empty((g, LANES), np.uint32), batches, batches.view(np.int64),
-    )  # fmt: skip
-
-
-@piecework
-def watch_piece(piece, model, fixed, heights, above, s, w, found, now):
-    """Look at the particles of a piece whose time is up: new boxes, and who comes down on the surface."""
-    begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    listed, hit, due, known, step = found.listed, found.hit, w.due, w.known, now.step
-    count, hits, change, pace = 0, 0, 0, 0.0
-    for i in range(begin, end):
-        listed[begin + count] = i
-        count += int(due[i] <= step)
-    for k in range(begin, begin + count):
-        i = listed[k]
-        prefetch(known, COLUMNS * i)
-        prefetch(w.close, 3 * MOST_CLOSE * i)
-        prefetch(s.mass, i)
-        prefetch(s.drag, i)
-    if model.has_surface:
-        for k in range(begin, begin + count):
-            i = listed[k]
-            a = min(max(int(s.x[i] / model.spacing), 0), heights.shape[0] - 1)
-            b = min(max(int(s.y[i] / model.spacing), 0), heights.shape[1] - 1)
-            prefetch(above[a], b)
-            prefetch(w.changed[a], b)
-    for k in range(begin, begin + count):
-        i = listed[k]
-        same_box = box_holds(w.known, i, step, s.vx[i], s.vy[i], s.vz[i])
-        if not same_box:
-            change += renew(model, fixed, s, w, i, step, now.pad_height, now.mean_x, now.mean_y)
-            pace = max(pace, w.pace[i])
-        steps = AHEAD
-        if model.has_surface:
-            touching, nx, ny, nz, qx, qy, qz, steps = find_surface(
-                model, fixed, heights, above, s, w, i, step, same_box
-            )
-            if touching and s.vx[i] * nx + s.vy[i] * ny + s.vz[i] * nz < 0.0:
-                at = begin + hits
-                listed[at] = i
-                hit[at, 0], hit[at, 1], hit[at, 2] = nx, ny, nz
-                hit[at, 3], hit[at, 4], hit[at, 5] = qx, qy, qz
-                hits += 1
-        due[i] = step + 1 + steps
-    found.hits[piece], found.nonlinear[piece], found.pace[piece] = hits, change, pace
-
-
-@piecework
-def collide_piece(piece, model, fixed, s, w, lists, met, now, ledger_speed):
-    """Find the contacts among the near pairs of a piece, and their impulses."""
-    begin = piece * PAIRS
-    pair, end = begin, begin + met.near[piece]
-    meeting, c, bits = met.meeting[piece], met.batch[piece], met.bits[piece]
-    at, noted = begin, 0
-    while pair < end:
-        pair, count = next_batch(
-            model, fixed, s, lists, w.nonlinear, now.shear, now.pad_height, pair, end, meeting, c, bits
-        )
-        for k in range(count):
-            met.pair[at], contact = meeting[k], met.contact[at]
-            contact[0], contact[1], contact[2] = c[B.jx + k], c[B.jy + k], c[B.jz + k]
-            contact[3], contact[4] = -c[B.separation + k], c[B.duration + k]
-            noted += int(contact[3] >= ledger_speed)
-            at += 1
-    met.touching[piece], met.noted[piece] = at - begin, noted
-
-
-@piecework
-def move_piece(piece, model, numerics, fixed, s, w, scratch, found, now):
-    """Move the particles of a piece: pad, drag, and a look in the next step for those thrown out of a box."""
-    begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    touch_step, touched, thrown, special = (
-        scratch.touch_step, scratch.touched, scratch.thrown, scratch.special
-    )  # fmt: skip
-    step, shear, pad_height, descent = now.step, now.shear, now.pad_height, now.descent
-    touches, throws, specials, met_pad, highest = begin, begin, begin, 0, 0.0
-    found.status[piece] = DONE
-    for i in range(begin, end):
-        if touch_step[i] == step:
-            touched[touches] = i
-            touches += 1
-            meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
-            met_pad += int(meets)
-            if leaves:
-                thrown[throws] = i
-                throws += 1
-            if unusual:
-                keep(s, special, scratch.kept, specials, i)
-                specials += 1
-            s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
-            s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-        elif now.some_nonlinear and w.nonlinear[i]:
-            keep(s, special, scratch.kept, specials, i)
-            specials += 1
-    last = end if end < found.listed.size else s.x.size
-    met_pad += glide(
-        model, fixed.dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, s.x[begin:last], s.y[begin:last],
-        s.z[begin:last], s.vx[begin:last], s.vy[begin:last], s.vz[begin:last], s.yielding[begin:last],
-        s.under_pad[begin:last], shear, pad_height, descent,
-    )  # fmt: skip
-    for k in range(begin, touches):
-        s.under_pad[touched[k]] = s.radius[touched[k]]
-    for k in range(begin, specials):
-        i = special[k]
-        solved = solve_special(
-            model, numerics, fixed, s, scratch, k, i, touch_step[i] != step, pad_height, descent
-        )
-        if solved != DONE:
-            found.status[piece], found.culprit[piece] = solved, i
-    for k in range(begin, throws):
-        i = thrown[k]
-        w.due[i] = step + 1
-        highest = max(highest, speed_apart(s.vx[i], s.vy[i], s.vz[i], now.mean_x, now.mean_y))
-        checked = check_thrown(model, s, i)
-        if found.status[piece] == DONE and checked != DONE:
-            found.status[piece], found.culprit[piece] = checked, i
-    found.met_pad[piece], found.thrown[piece] = met_pad, highest
-
-
-@piecework
-def work(
-    phase, piece, now, lists, met, model, numerics, fixed, periods, heights, above, s, w, scratch, found
-):  # fmt: skip
-    """Do what a phase does with one piece: of particles, or of pairs."""
-    if phase == SETTLE:
-        settle(s, piece * PIECE, min((piece + 1) * PIECE, found.listed.size), periods)
-    elif phase == LIST:
-        begin, end = piece * PAIRS, min((piece + 1) * PAIRS, lists.wide.shape[0])
-        met.near[piece] = list_narrow_of(s, lists, now.skin, periods, begin, end)
-    elif phase == WATCH:
-        watch_piece(piece, model, fixed, heights, above, s, w, found, now)
-    elif phase == COLLIDE:
-        collide_piece(piece, model, fixed, s, w, lists, met, now, numerics.ledger_speed)
-    else:
-        move_piece(piece, model, numerics, fixed, s, w, scratch, found, now)
-
-
-@threaded
-def share_out(
-    phase, pieces, now, lists, met, model, numerics, fixed, periods, heights, above, s, w, scratch, found
-):  # fmt: skip
-    """`work` for all pieces; one loop for all phases, for each such loop takes long to compile."""
-    for piece in numba.prange(pieces):
-        work(
-            phase, np.int64(piece), now, lists, met, model, numerics, fixed, periods, heights, above, s, w,
-            scratch, found,
-        )  # fmt: skip
 
 
 @inner
@@ -293,22 +70,23 @@ def march_many(
     origin, found = Origin(np.empty(n), np.empty(n), np.empty(n)), found_of(n)
     lists, met = lists_of(np.empty((0, 2), np.int64)), met_of(0)
     pieces = found.hits.size
-    others = (model, numerics, fixed, periods, heights, ceiling.height, s, w, scratch, found)
+    # what all phases of the call are given
+    same = (model, numerics, fixed, periods, skin, heights, ceiling.height, s, w, scratch, found)
     left, spent, gone, speed, mean_x, mean_y, drift = -1.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
     quarter = 0.5 * min(fixed.half_x, fixed.half_y)
     nonlinear, mapped = 0, 0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
     first = row
     status, longest = DONE, progress[P.largest_ratio] * dt
-    step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
+    step = np.int64(0)  # no literal, which is a type of its own: all would be compiled for both
     while step < last_step and status == DONE:
         time = progress[P.time] if step == 0 else t_start + step * dt
         descent, shear = 0.0, shear_of(model, pad_height)
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
-        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
+        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)
         if (model.has_pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
-            share_out(np.int64(SETTLE), pieces, now, lists, met, *others)
+            share_out(SETTLE, pieces, now, lists, met, *same)
             spent += skin - left + 2.0 * dt * speed
             if spent > room and spent < math.inf:
                 spent = 2.0 * farthest(s, origin, periods)
@@ -319,8 +97,8 @@ def march_many(
                 drift = math.hypot(mean_x, mean_y)
                 for i in range(n):
                     w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
-            now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
-            share_out(np.int64(LIST), met.near.size, now, lists, met, *others)
+            share_out(LIST, met.near.size, now, lists, met, *same)
+            now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)  # of a new mean
             left, gone, speed = skin, 0.0, highest_of(w.pace)
         else:
             left -= 2.0 * dt * speed
@@ -329,10 +107,10 @@ def march_many(
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
 
-        share_out(np.int64(WATCH), pieces, now, lists, met, *others)
+        share_out(WATCH, pieces, now, lists, met, *same)
         nonlinear += found.nonlinear.sum()
         speed = max(speed, highest_of(found.pace))
-        share_out(np.int64(COLLIDE), met.near.size, now, lists, met, *others)
+        share_out(COLLIDE, met.near.size, now, lists, met, *same)
         on_pad = 0
         if model.has_pad and numerics.ledger_speed <= speed + descent:
             on_pad = fast_on_pad(s.z, s.vz, s.radius, pad_height, descent, numerics.ledger_speed)
@@ -361,8 +139,8 @@ def march_many(
         if on_pad > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
 
-        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0, skin)
-        share_out(np.int64(MOVE), pieces, now, lists, met, *others)
+        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)  # by now
+        share_out(MOVE, pieces, now, lists, met, *same)
         faster = max(highest_of(found.thrown) - speed, 0.0)
         left -= 2.0 * dt * faster
         gone += dt * faster

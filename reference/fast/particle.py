@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import formula, part
+from reference.compiled import part
 from reference.contact import surface_normal_impulse
 from reference.fast.events import bounce, strike
 from reference.fast.near import fastest, half_period
@@ -91,7 +91,6 @@ class Fixed(NamedTuple):
     around: float  # m, within which a particle may move for the map of the surface's maxima to hold
 
 
-@formula
 def fastest_flow(model):
     """The largest speed of the fluid, m/s."""
     return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
@@ -100,13 +99,14 @@ def fastest_flow(model):
 def fixed_of(model, numerics, dt, largest, mapped_within):
     """`Fixed` for steps of `dt` and a map of the surface that looks `mapped_within` (m) around."""
     couette = model.flow == FLOW_COUETTE
+    viscous = model.viscosity / model.fluid_density if model.fluid_density > 0.0 else math.inf
     remarkable = numerics.ledger_speed
     if model.deposit != DEPOSIT_NONE:
         remarkable = min(remarkable, model.threshold_velocity)
     return Fixed(
         dt, half_period(model.length_x), half_period(model.length_y), half_period(model.length_z),
         MARGIN * fastest_flow(model),
-        (model.viscosity / model.fluid_density) ** 2 if model.fluid_density > 0.0 else math.inf,
+        viscous * viscous,
         0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
         remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
         SAFETY * mapped_within - 0.5 * largest,

@@ -33,8 +33,8 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
     ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
     fixed = fixed_of(model, numerics, dt, largest, ceiling.reach)
-    march = march_many if many else march_few
-    status = march(
+    advance = march_many if many else march_few
+    status = advance(
         model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling,
         scratch_of(n), order, heights, rows,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from reference.compiled import inlined, inner, kernel
 from reference.state import FLOW_NONE
 from reference.timestep import wrap
 
-LANES = 16  # a multiple of the doubles in a vector register
+PADDING = 16  # a multiple of the doubles in a vector register
 MANY = 4096  # particles, from which on they are moved by the loop for many
 # Few particles have their components at distances that the compiler knows: it sees that nothing overlaps, and
 # keeps one address instead of dozens.  With a power of 2 all would compete for the same lines of a cache.
@@ -81,14 +81,14 @@ def views(flat, row, size):
 
 def swarm_of(model, dt, p, order):
     """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
-    padded = LANES * ((len(order) + LANES - 1) // LANES)
+    padded = PADDING * ((len(order) + PADDING - 1) // PADDING)
     row = max(ROW, padded)
-    return filled(model, dt, p, order, np.zeros(17 * row), row, padded)
+    return filled(model, dt, p, order, np.zeros((len(Swarm._fields) - 1) * row), row, padded)
 
 
 @kernel
 def filled(model, dt, p, order, flat, row, padded):
-    """`swarm_of` in the memory `flat`, whose components are `row` numbers apart."""
+    """`swarm_of` in the memory `flat`: components are `row` numbers apart, `padded` of each are used."""
     n, s = order.size, views(flat, row, padded)
     for i in range(n):
         k = order[i]

@@ -13,18 +13,16 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, register_jitable
+from numba.extending import intrinsic
 
 from reference.compiled import inlined
 
 PIECE = 512  # particles
 PAIRS = 2048  # pairs
 
-# The body of such a loop is one call of piecework: what it assigned by itself to an array of a named tuple
+# The body of such a loop is one call: what it assigned by itself to an array of a named tuple
 # would be lost.
 threaded = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True, no_cfunc_wrapper=True)
-# what a thread does with one piece; no array is made in it, so that no references need be counted
-piecework = register_jitable(error_model="numpy", no_cfunc_wrapper=True, nogil=True, _nrt=False)
 
 
 def most_threads() -> int:

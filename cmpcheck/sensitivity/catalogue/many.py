@@ -1,7 +1,7 @@
 """Errors in the fast stepper's loop for many particles; the plain one, the answer key, does it right.
 
-The rows that notice them are in the full profile of `cmpcheck compare`, and so are they: that loop takes
-minutes to compile with errors in it.
+The rows that notice them are in the full profile of `cmpcheck compare`, and so are they: that loop is
+compiled anew for each of them.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ ERRORS = (
     ),
     Mutant(
         "many: late look", "a particle is looked at one step after its time",
-        f"{FAST}/many.py:watch_piece", "due[i] <= step", "due[i] < step",
+        f"{FAST}/pieces.py:watch_piece", "due[i] <= step", "due[i] < step",
     ),
     Mutant(
         "many: no look when thrown", "one that a contact throws out of its bounds is not looked at again",
-        f"{FAST}/many.py:move_piece", "w.due[i] = step + 1", "w.due[i] = w.due[i]",
+        f"{FAST}/pieces.py:move_piece", "w.due[i] = step + 1", "w.due[i] = w.due[i]",
     ),
     Mutant(
         "many: late list", "the list of pairs is kept for longer than it holds",
