@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 from test_components import wrong
 from test_fast import sorted_ledger
 
@@ -17,6 +18,7 @@ from cmpcheck.components import steppers
 from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
 from cmpcheck.suite import run_work
 from cmpcheck.suite_parts import ComponentTask
+from reference.fast.pieces import share_out
 from reference.fast.swarm import MANY
 from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
 from reference.simulation import simulate_setup
@@ -73,6 +75,12 @@ def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
         )  # fmt: skip
         found.add(done.stdout)
     assert len(found) == 1
+
+
+def test_no_threaded_loop_is_kept_on_disk_by_itself():
+    """Else the kernel around it, compiled by a second process, crashes in a third one: `threads.threaded`."""
+    assert share_out.targetoptions["parallel"]
+    assert isinstance(share_out._cache, NullCache)
 
 
 def test_rows_of_many_particles_agree_and_stand_in_the_full_profile_alone(monkeypatch):

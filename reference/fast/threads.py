@@ -22,7 +22,9 @@ PAIRS = 2048  # pairs
 
 # The body of such a loop is one call: what it assigned by itself to an array of a named tuple
 # would be lost.
-threaded = numba.njit(cache=True, error_model="numpy", nogil=True, parallel=True, no_cfunc_wrapper=True)
+# It is not kept on disk by itself, but in the kernel that calls it: Numba 0.68 forgets to start threads for a
+# kernel that was compiled where such a loop came from disk, and then crashes.
+threaded = numba.njit(error_model="numpy", nogil=True, parallel=True, no_cfunc_wrapper=True)
 
 
 def most_threads() -> int:
