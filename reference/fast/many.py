@@ -78,7 +78,7 @@ def march_many(
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
     first = row
     status, longest = DONE, progress[P.largest_ratio] * dt
-    step = np.int64(0)  # no literal, which is a type of its own: all would be compiled for both
+    step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
     while step < last_step and status == DONE:
         time = progress[P.time] if step == 0 else t_start + step * dt
         descent, shear = 0.0, shear_of(model, pad_height)
