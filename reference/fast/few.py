@@ -30,7 +30,7 @@ from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
     box_holds,
     check_thrown,
-    depart,
+    depart_all,
     find_surface,
     hit_surface,
     keep,
@@ -157,7 +157,7 @@ def march(
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
-        n_touched, n_thrown, n_special, begin = 0, 0, 0, row
+        n_touched, begin = 0, row
 
         # bounds for those whose time is up, and their contacts with the surface
         listed = first[step % HORIZON]
@@ -223,18 +223,10 @@ def march(
             recorded = fast_on_pad(f.z, f.vz, f.radius, pad_height, descent, numerics.ledger_speed)
         if recorded > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
-        for k in range(n_touched):
-            i = touched[k]
-            meets, leaves, unusual, wx, wy, wz = depart(model, fixed, f, w, i, shear, pad_height, descent)
-            contacts += int(meets)
-            if leaves:
-                thrown[n_thrown] = i
-                n_thrown += 1
-            if unusual:
-                keep(f, special, scratch.kept, n_special, i)
-                n_special += 1
-            f.vx[i], f.vy[i], f.vz[i] = wx, wy, wz
-            f.jx[i], f.jy[i], f.jz[i] = 0.0, 0.0, 0.0
+        met_pad, n_thrown, n_special = depart_all(
+            model, fixed, f, w, scratch, 0, n_touched, shear, pad_height, descent
+        )
+        contacts += met_pad
         if some_nonlinear > 0:
             for k in range(n):
                 if w.nonlinear[k] and touch_step[k] != step:

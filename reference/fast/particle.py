@@ -269,6 +269,28 @@ def keep(s, special, kept, k, i):
 
 
 @part
+def depart_all(model, fixed, s, w, scratch, first, last, shear, pad_height, descent):
+    """`depart` for those in `touched` from `first` to `last` - 1: (how many meet the pad, throws, specials).
+
+    Those thrown and the special ones stand in `thrown` and `special` from `first` on, up to what is returned.
+    """
+    met_pad, throws, specials = 0, first, first
+    for k in range(first, last):
+        i = scratch.touched[k]
+        meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
+        met_pad += int(meets)
+        if leaves:
+            scratch.thrown[throws] = i
+            throws += 1
+        if unusual:
+            keep(s, scratch.special, scratch.kept, specials, i)
+            specials += 1
+        s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
+        s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
+    return met_pad, throws, specials
+
+
+@part
 def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_height, descent):
     """Solve particle i, the special one number k, by itself; return a status.
 

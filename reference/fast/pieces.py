@@ -18,7 +18,7 @@ from reference.fast.particle import (
     COLUMNS,
     box_holds,
     check_thrown,
-    depart,
+    depart_all,
     find_surface,
     keep,
     renew,
@@ -165,25 +165,19 @@ def move_piece(piece, model, numerics, fixed, s, w, scratch, found, now):
         scratch.touch_step, scratch.touched, scratch.thrown, scratch.special
     )  # fmt: skip
     step, shear, pad_height, descent = now.step, now.shear, now.pad_height, now.descent
-    touches, throws, specials, met_pad, highest = begin, begin, begin, 0, 0.0
+    touches, highest = begin, 0.0
     found.status[piece] = DONE
     for i in range(begin, end):
-        if touch_step[i] == step:
-            touched[touches] = i
-            touches += 1
-            meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
-            met_pad += int(meets)
-            if leaves:
-                thrown[throws] = i
-                throws += 1
-            if unusual:
+        touched[touches] = i
+        touches += int(touch_step[i] == step)
+    met_pad, throws, specials = depart_all(
+        model, fixed, s, w, scratch, begin, touches, shear, pad_height, descent
+    )
+    if now.some_nonlinear:
+        for i in range(begin, end):
+            if w.nonlinear[i] and touch_step[i] != step:
                 keep(s, special, scratch.kept, specials, i)
                 specials += 1
-            s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
-            s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-        elif now.some_nonlinear and w.nonlinear[i]:
-            keep(s, special, scratch.kept, specials, i)
-            specials += 1
     last = end if end < found.listed.size else s.x.size
     met_pad += glide(
         model, fixed.dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, s.x[begin:last], s.y[begin:last],
