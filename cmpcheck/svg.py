@@ -50,6 +50,10 @@ def styled() -> Iterator[tuple[Figure, Axes]]:
 
 def svg_text(figure: Figure, key: str) -> str:
     """The figure as an inline `<svg>`: short numbers, unique ids, the page's fonts and colours."""
+    layout = figure.get_layout_engine()
+    if layout is not None:  # savefig would draw all of it once more, unseen, before it does this
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()

@@ -111,10 +111,13 @@ def advance_particles(
     Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
     """
     c.lag, c.pushed = 0.0, 0
+    if c.form == OBSERVE:
+        observe_particles(c, step, tags, x, v, f, mass, given)
+        return
     if strangers(local.tag, tags) > 0:
         meet(c.model, local, tags, x, radius, state)
     travel, since = local.travel[: tags.size], local.since[: tags.size]
-    usual = 0 <= c.last_step < step and c.form != OBSERVE
+    usual = 0 <= c.last_step < step
     if usual:
         c.lag = 0.5 * c.time_step
     factor = stokes_factor(c.model)
@@ -177,6 +180,23 @@ def advance_particles(
 
 
 @uncounted
+def observe_particles(c, step, tags, x, v, f, mass, given):
+    """`advance_particles` where the fix gives nobody a force, and follows contacts of pairs alone."""
+    for i in range(tags.size):
+        j, row = 3 * i, GIVEN_COLUMNS * i
+        if given[row + EVALUATED] == step + 1:
+            continue
+        c.lag = 0.5 * c.time_step if given[row + EVALUATED] > 0.0 else 0.0
+        given[row + EVALUATED] = step + 1
+        given[row + FORCE], given[row + FORCE + 1], given[row + FORCE + 2] = 0.0, 0.0, 0.0
+        total = x[j] + x[j + 1] + x[j + 2] + v[j] + v[j + 1] + v[j + 2] + f[j] + f[j + 1] + f[j + 2] + mass[i]
+        if not math.isfinite(total):
+            fail(c, NOT_FINITE, step, tags[i])
+            return
+    c.pushed = count_pushed(f)
+
+
+@uncounted
 def count_pushed(f):
     """How many particles have a native pair force, of `f` (3 n,)."""
     count = 0
@@ -206,10 +226,6 @@ def advance_particle(
     if not math.isfinite(px + py + pz + vx + vy + vz + gx + gy + gz + m):
         return NOT_FINITE
     waits = gx != 0.0 or gy != 0.0 or gz != 0.0
-    if c.form == OBSERVE:
-        for axis in range(3):
-            given[FORCE + axis] = 0.0
-        return NO_ERROR
     ex, ey, ez, calm = stokes_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i, factor)
     if not calm:
         ex, ey, ez = drag_now(model, c.pad_height, c.lag, pz, vx, vy, vz, m, 2.0 * radius_i)
