@@ -70,30 +70,23 @@ def case_file(folder: Path, name: str, *replacements: tuple[str, str]) -> Path:
     return path
 
 
-def compare(case: Path | str, name: str, path: Path, folder: Path) -> dict[str, set[str]]:
-    """Statuses of LAMMPS's rows by quantity, from the command line."""
-    result = runner.invoke(
-        app,
-        [
-            "compare",
-            str(case),
-            "--engine",
-            "lammps",
-            "--deck",
-            f"{name}={path}",
-            "--jobs",
-            "1",
-            "--out",
-            str(folder),
-        ],
-    )
-    assert result.exception is None or isinstance(result.exception, SystemExit)
-    rows = json.loads((folder / "report.json").read_text("utf-8"))["comparisons"]
-    found: dict[str, set[str]] = {}
-    for row in rows:
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory) -> dict[str, dict[str, set[str]]]:
+    """Statuses of LAMMPS's rows by case and quantity, of all decks of `DECKS`, from one command line."""
+    arguments = ["compare", "--engine", "lammps", "--jobs", "1"]
+    for name, (case, write) in DECKS.items():
+        folder = tmp_path_factory.mktemp(name)
+        renamed = (f'name = "{case}"', f'name = "{name}"')
+        arguments += [str(case_file(folder, case, renamed, *([NO_PICKUP] if case == "wall_bounce" else [])))]
+        arguments += ["--deck", f"{name}={write(folder)}"]
+    out = tmp_path_factory.mktemp("report") / "report"
+    result = runner.invoke(app, [*arguments, "--out", str(out)])
+    assert isinstance(result.exception, SystemExit)
+    assert result.exit_code == 1
+    found: dict[str, dict[str, set[str]]] = {name: {} for name in DECKS}
+    for row in json.loads((out / "report.json").read_text("utf-8"))["comparisons"]:
         if row["engine"] == "lammps":
-            found.setdefault(row["quantity"], set()).add(row["status"])
-    assert (result.exit_code == 1) == any("disagree" in s or "error" in s for s in found.values())
+            found[row["case"]].setdefault(row["quantity"], set()).add(row["status"])
     return found
 
 
@@ -158,27 +151,32 @@ def test_a_deck_that_lacks_something_ends_the_command_before_anything_runs(tmp_p
     assert not out.exists()
 
 
-def test_two_percent_of_friction_disagree(tmp_path):
-    path = deck(tmp_path, "pair_slip", (" ${friction} damping", " $(1.02*v_friction) damping"))
-    found = compare("pair_slip", "pair_slip", path, tmp_path / "report")
+NO_PICKUP = ('[[variant]]\nname = "pickup"\noverrides.removal.mass_pickup = true\n\n', "")
+DECKS = {  # the case that each is of, and what writes it
+    "slips_two_percent_more": (
+        "pair_slip", lambda folder: deck(folder, "pair_slip", (" ${friction} damping", " $(1.02*v_friction) damping"))
+    ),
+    "own_wall": ("wall_bounce", lambda folder: native_wall(folder, WALL)),
+    "own_wall_too_elastic": (
+        "wall_bounce", lambda folder: native_wall(folder, WALL.replace("e index 0.5", "e index 0.505"))
+    ),
+    "no_wall": ("wall_bounce", lambda folder: native_wall(folder, "")),
+}  # fmt: skip
+
+
+def test_two_percent_of_friction_disagree(judged):
+    found = judged["slips_two_percent_more"]
     assert found["friction_impulse"] == found["energy_lost"] == {"disagree"}
     assert found["momentum"] == {"agree"}
 
 
-NO_PICKUP = ('[[variant]]\nname = "pickup"\noverrides.removal.mass_pickup = true\n\n', "")
-
-
-@pytest.mark.parametrize("restitution, status", [("0.5", "agree"), ("0.505", "disagree")])
-def test_a_wall_of_lammps_is_judged_by_what_comes_out(restitution, status, tmp_path):
-    path = native_wall(tmp_path, WALL.replace("variable e index 0.5", f"variable e index {restitution}"))
-    case = case_file(tmp_path, "wall_bounce", NO_PICKUP)
-    found = compare(case, "wall_bounce", path, tmp_path / "report")
+@pytest.mark.parametrize("name, status", [("own_wall", "agree"), ("own_wall_too_elastic", "disagree")])
+def test_a_wall_of_lammps_is_judged_by_what_comes_out(name, status, judged):
+    found = judged[name]
     assert found["restitution"] == found["velocity_z"] == found["normal_impulse"] == {status}
     assert found["trajectory_distance"] == {"agree"} or status == "disagree"
     assert not {"load", "removed_volume", "impacts"} & set(found)  # not observed, so not compared
 
 
-def test_a_deck_without_a_wall_is_an_error_where_one_is_reached(tmp_path):
-    case = case_file(tmp_path, "wall_bounce", NO_PICKUP)
-    found = compare(case, "wall_bounce", native_wall(tmp_path, ""), tmp_path / "report")
-    assert found == {"run": {"error"}}
+def test_a_deck_without_a_wall_is_an_error_where_one_is_reached(judged):
+    assert judged["no_wall"] == {"run": {"error"}}
