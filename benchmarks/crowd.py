@@ -2,7 +2,7 @@
 
 The layer of `polish_pair` at larger N, with pairs, drag, surface, pad and removal, from its start on. Each
 measurement is a process of its own: calls of the kernel as long as those of a run, of which the first, which
-compiles and warms up, does not count. The plain stepper makes the same steps, in one thread, up to 1e5
+warms up, does not count. The plain stepper makes the same steps, in one thread, up to 1e5
 particles. `python -m benchmarks.crowd STEPPER N` is one measurement.
 """
 
@@ -13,6 +13,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -22,11 +23,12 @@ from benchmarks.scaling import BASE, GOAL, resident
 from cmpcheck.components.steppers import crowded
 from reference.fast.stepper import advance_fast
 from reference.fast.swarm import MANY
-from reference.fast.threads import most_threads
+from reference.fast.threads import most_threads, use_threads
 from reference.ledger import empty_ledger
 from reference.process import build_setup
 from reference.schemes import Numerics
-from reference.simulation import LEAST_STEPS
+from reference.simulation import LEAST_STEPS, PARTICLE_STEPS
+from reference.state import Setup
 from reference.timestep import DONE, LEDGER_FULL, P, new_progress
 from reference.timestep import advance as advance_plain
 
@@ -39,13 +41,29 @@ ROWS = 1 << 16
 def one_size(stepper: str, count: int) -> dict[str, Any]:
     """Seconds of a particle-step, bytes that the steps needed at most, and a digest of where they led to."""
     advance = {"fast": advance_fast, "plain": advance_plain}[stepper]
+    if stepper == "fast":
+        use_threads(most_threads())  # all, also where fewer would be faster
+    march(advance, build_setup(crowded(count if count < MANY else MANY, {})), 1, 1)  # compiles
+    before = resident("VmRSS")
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", "ascii")  # the largest set from now on
     setup = build_setup(crowded(count, {}))
-    state, before = setup.state, resident("VmRSS")
+    times, contacts = march(advance, setup, 1 + CALLS, max(LEAST_STEPS, PARTICLE_STEPS // count))
+    state = setup.state
+    digest = hashlib.sha256(state.position.tobytes() + state.velocity.tobytes() + state.heights.tobytes())
+    return {
+        "stepper": stepper, "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
+        "contacts": contacts, "digest": digest.hexdigest(),
+    }  # fmt: skip
+
+
+def march(advance: Any, setup: Setup, calls: int, steps: int) -> tuple[list[float], float]:
+    """Seconds of a particle-step in each of the calls, and contacts in one; moves the setup's state."""
+    state, count = setup.state, len(setup.state.mass)
     numerics = Numerics(setup.time_step, False, 1e-6, 8, False, False, setup.case.numerics.ledger_speed)
-    scalars, rows = new_progress(), empty_ledger(ROWS)
+    scalars, rows, times = new_progress(), empty_ledger(ROWS), []
     scalars[P.step], scalars[P.pad_height] = setup.time_step, state.pad_height
-    steps, times = LEAST_STEPS, []
-    for call in range(1 + CALLS):
+    for call in range(calls):
         begin, end = perf_counter(), (call + 1) * steps
         while scalars[P.steps] < end:
             status = advance(
@@ -58,11 +76,7 @@ def one_size(stepper: str, count: int) -> dict[str, Any]:
                 raise RuntimeError(f"status {status} at step {scalars[P.steps]:.0f}")
             scalars[P.rows] = 0
         times.append((perf_counter() - begin) / steps / count)
-    digest = hashlib.sha256(state.position.tobytes() + state.velocity.tobytes() + state.heights.tobytes())
-    return {
-        "stepper": stepper, "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
-        "contacts": scalars[P.contacts] / scalars[P.steps] / count, "digest": digest.hexdigest(),
-    }  # fmt: skip
+    return times, scalars[P.contacts] / scalars[P.steps] / count
 
 
 def measure(quick: bool) -> dict[str, Any]:

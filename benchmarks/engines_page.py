@@ -80,7 +80,7 @@ def text(cells: Sequence[Cell], conditions: dict[str, Any]) -> str:
 def _circumstances(cells: Sequence[Cell], conditions: dict[str, Any]) -> list[str]:
     busy = [run.busy for cell in cells for run in cell.runs]
     versions = ", ".join(f"{name} {version}" for name, version in conditions["versions"].items())
-    commit = f", commit {conditions['commit'][:12]}" if conditions["commit"] else ""
+    commit = f", commit {record.shown(conditions['commit'])}" if conditions["commit"] else ""
     lines = [
         f"Written by `{conditions['command']}` on {conditions['date']}{commit}. {conditions['machine']}; "
         f"{versions}."

@@ -32,6 +32,12 @@ def conditions(command: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def shown(commit: str) -> str:
+    """A commit in short, and whether there were changes on top of it."""
+    name, _, changed = commit.partition("-")
+    return name[:12] + (", with changes on top" if changed else "")
+
+
 def _processor() -> str:
     """The name of the processor, as Linux has it."""
     try:

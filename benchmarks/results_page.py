@@ -75,7 +75,7 @@ def circumstances(found: dict[str, Any]) -> list[str]:
         for name in ("python", "numpy", "numba", "lammps", "liggghts", "yade")
         if name in found["versions"]
     )  # fmt: skip
-    commit = f", commit {found['commit'][:12]}" if found["commit"] else ""
+    commit = f", commit {record.shown(found['commit'])}" if found["commit"] else ""
     disturbed = found["busy_cores_before"] > QUIET or found["load"] > 2.5
     return [
         f"*{found['date']}{commit}; {found['machine']}; {versions}; {found['busy_cores_before']:.2f} cores "

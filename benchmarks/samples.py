@@ -24,11 +24,6 @@ PER_CORE, REPEATS = 2, 2  # samples of each core in one measurement
 HOURS = 3600.0
 
 
-def ready(seconds: float) -> float:
-    """A task that makes a process compile or load what a sample needs."""
-    return final_flatness(short(load_case("polish"), seconds))
-
-
 def short(case: Case, share: float) -> Case:
     """The beginning of a case."""
     return case.replaced({"case.duration": case.case.duration * share})
@@ -100,7 +95,7 @@ def measure(quick: bool) -> dict[str, Any]:
     }
     efficiency = rates[2] / (2.0 * rates[1])
     measured = {400: table_sample(400 / share, stepper, 1 if quick else 3) / share}
-    measured[100] = 4.0 * measured[400] if quick else table_sample(100, stepper, 1)
+    measured[100] = 4.0 * measured[400] if quick else table_sample(100, stepper, 3)
     seconds = {factor: measured.get(factor, measured[100] * 100 / factor) for factor in ACCELERATIONS}
     return {
         "samples_per_minute": {str(cores): rate for cores, rate in rates.items()},
@@ -131,7 +126,8 @@ def lines(results: dict[str, Any]) -> list[str]:
         "each of "
         f"{samples} samples or more. Seconds of a sample on one core "
         + (
-            f"are measured at A = {', '.join(map(str, table['measured']))} and follow from A = 100 elsewhere"
+            f"are measured at A = {', '.join(map(str, table['measured']))}, medians of 3, and follow from "
+            "A = 100 elsewhere"
             if table["measured"] else "follow from a short piece of one"
         )
         + "; the hours are arithmetic: in each generation ceil(strings × samples/cores) samples, one after "

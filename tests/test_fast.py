@@ -92,7 +92,7 @@ def test_the_fast_stepper_follows_the_answer_key_to_round_off(name, loop):
     assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1]
 
 
-def test_one_that_lags_by_a_step_would_be_seen():
+def test_a_pad_that_is_lower_by_a_billionth_would_be_seen():
     """The bound above is no blank cheque: a pad that is 1e-9 lower is beyond it."""
     setup = shortened(polish(HELD), 1500)
     lower = replace(setup, state=replace(setup.state, pad_height=setup.state.pad_height * (1.0 - 1e-9)))
@@ -242,7 +242,7 @@ print(json.dumps([run.positions.tolist(), len(run.contacts)]))
 
 @pytest.mark.parametrize("many", [MANY, 1])
 def test_the_same_without_the_jit(many, monkeypatch):
-    """60 steps in plain Python, to the round-off that fused operations and the order of sums leave."""
+    """60 steps in plain Python, to the round-off that the order of sums in vectors leaves."""
     monkeypatch.setattr("reference.fast.stepper.MANY", many)
     found = subprocess.run(
         [sys.executable, "-c", BARE, str(many)], env=os.environ | {"NUMBA_DISABLE_JIT": "1"},

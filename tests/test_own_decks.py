@@ -154,7 +154,8 @@ def test_a_deck_that_lacks_something_ends_the_command_before_anything_runs(tmp_p
 NO_PICKUP = ('[[variant]]\nname = "pickup"\noverrides.removal.mass_pickup = true\n\n', "")
 DECKS = {  # the case that each is of, and what writes it
     "slips_two_percent_more": (
-        "pair_slip", lambda folder: deck(folder, "pair_slip", (" ${friction} damping", " $(1.02*v_friction) damping"))
+        "pair_slip",
+        lambda folder: deck(folder, "pair_slip", (" ${friction} damping", " $(1.02*v_friction) damping")),
     ),
     "own_wall": ("wall_bounce", lambda folder: native_wall(folder, WALL)),
     "own_wall_too_elastic": (

@@ -307,11 +307,11 @@ def test_a_study_that_fails_is_an_entry_and_the_others_go_on(two_studies, monkey
 
 
 def test_a_study_finds_the_same_with_one_process_and_with_two(tmp_path):
-    names = ["fine_abrasive", "preston"]
+    names = ["fine_abrasive", "threshold"]
     once = without_clock(run_studies(names, "quick", tmp_path, 1))
     twice = without_clock(run_studies(names[::-1], "quick", tmp_path, 2))
     assert once == twice
-    assert [result.name for result in once] == ["preston", "fine_abrasive"]
+    assert [result.name for result in once] == ["threshold", "fine_abrasive"]
     assert not any(result.error for result in once)
 
 

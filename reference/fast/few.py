@@ -15,6 +15,7 @@ import numpy as np
 from reference.compiled import kernel, uncounted
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
+from reference.fast.known import box_holds, pace_of, renew
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -28,14 +29,11 @@ from reference.fast.near import (
 )
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
-    box_holds,
     check_thrown,
     depart_all,
     find_surface,
     hit_surface,
     keep,
-    pace_of,
-    renew,
     shear_of,
     solve_special,
     speed_apart,

@@ -14,8 +14,9 @@ from reference import ledger as col
 from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import record_pad, record_pair, take_off
+from reference.fast.known import pace_of
 from reference.fast.near import WIDE, Origin, farthest, list_wide, lists_of, mean
-from reference.fast.particle import hit_surface, pace_of, shear_of
+from reference.fast.particle import hit_surface, shear_of
 from reference.fast.pieces import COLLIDE, LIST, MOVE, SETTLE, WATCH, Now, found_of, met_of, share_out
 from reference.fast.sweep import fast_on_pad, highest_of
 from reference.fast.threads import PAIRS, PIECE

@@ -12,16 +12,14 @@ import numba
 import numpy as np
 
 from reference.compiled import inner, uncounted
+from reference.fast.known import COLUMNS, box_holds, renew
 from reference.fast.near import list_narrow_of, settle
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
-    COLUMNS,
-    box_holds,
     check_thrown,
     depart_all,
     find_surface,
     keep,
-    renew,
     solve_special,
     speed_apart,
 )

@@ -11,9 +11,10 @@ import numpy as np
 
 from reference.fast.ceiling import ceiling_over
 from reference.fast.few import march_few
+from reference.fast.known import fastest_flow, fixed_of, know_all
 from reference.fast.many import march_many
-from reference.fast.particle import fastest_flow, fixed_of, know_all
 from reference.fast.swarm import MANY, bring_back, scratch_of, swarm_of
+from reference.fast.threads import as_many_as_help
 from reference.fast.watch import AHEAD, MARGIN
 from reference.neighbors import cell_order
 from reference.timestep import P
@@ -33,10 +34,14 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
     ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
     fixed = fixed_of(model, numerics, dt, largest, ceiling.reach)
-    advance = march_many if many else march_few
-    status = advance(
+    arguments = (
         model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling,
         scratch_of(n), order, heights, rows,
     )  # fmt: skip
+    if many:
+        with as_many_as_help(n):
+            status = march_many(*arguments)
+    else:
+        status = march_few(*arguments)
     bring_back(model, s, p, order)
     return status

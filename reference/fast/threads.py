@@ -6,7 +6,8 @@ their order: the result does not depend on the number of threads.  No physics he
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -19,6 +20,7 @@ from reference.compiled import inlined
 
 PIECE = 512  # particles
 PAIRS = 2048  # pairs
+ENOUGH = 25_000  # particles for each thread: two are slower than one with 1e4, and faster with 1e5
 
 # The body of such a loop is one call: what it assigned by itself to an array of a named tuple
 # would be lost.
@@ -37,6 +39,22 @@ def use_threads(count: int) -> None:
     if not 1 <= count <= most_threads():
         raise ValueError(f"{count} threads; allowed: 1 to {most_threads()}")
     numba.set_num_threads(count)
+    _asked.append(count)
+
+
+_asked: list[int] = []
+
+
+@contextmanager
+def as_many_as_help(particles: int) -> Iterator[None]:
+    """A thread for each `ENOUGH` particles at most, unless `use_threads` was told how many."""
+    before = numba.get_num_threads()
+    if not _asked:
+        numba.set_num_threads(max(1, min(before, particles // ENOUGH)))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @inlined

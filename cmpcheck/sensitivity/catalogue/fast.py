@@ -77,7 +77,7 @@ MUTANTS = (
         f"{FAST}/particle.py:solve_special", "- pushed,", "- (1.0 + SIZE) * pushed,", 0.01, "%",
     ),
     Mutant(
-        "fast: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/particle.py:renew",
+        "fast: linear drag", "drag is taken for linear beyond Re = 1", f"{FAST}/known.py:renew",
         "over = 4.0 *", "over = 4.0 / (1.0 + SIZE) *", 1.0, "% of Re^2",
     ),
     Mutant(

@@ -1,0 +1,141 @@
+"""What is known of each particle, so that it need not be looked at in every step of the fast stepper.
+
+The box that its velocity stays in, when it is looked at next, and what stays the same for all.  What the
+bounds are is `watch.py`; what is done for a particle, `particle.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from reference.compiled import part
+from reference.fast.near import fastest, half_period
+from reference.fast.watch import AHEAD, HORIZON, MARGIN, MOST_CLOSE, SAFETY, velocity_box
+from reference.state import DEPOSIT_NONE, FLOW_COUETTE
+
+
+class Known(NamedTuple):
+    """What is known of a particle, one row of numbers: these are their columns."""
+
+    x_low: int = 0  # the box: lowest and highest velocity along x, y and z, m/s
+    x_high: int = 1
+    y_low: int = 2
+    y_high: int = 3
+    z_low: int = 4
+    z_high: int = 5
+    renewed: int = 6  # step until which the box may be used again
+    until: int = 7  # step until which no triangle but the close ones can be touched
+    looked: int = 8  # step in which the close triangles were found
+    looked_x: int = 9  # and where, m
+    looked_y: int = 10
+
+
+K = Known()
+COLUMNS = 16  # of such a row: two cache lines
+
+
+class Watch(NamedTuple):
+    """When each of N particles is looked at, and what is known of it."""
+
+    due: np.ndarray  # (N,), step in which it is looked at
+    known: np.ndarray  # (COLUMNS N,), see `Known`
+    pace: np.ndarray  # (N,), highest speed in the box, relative to the mean of all, m/s
+    nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
+    close: np.ndarray  # (3 MOST_CLOSE N,), squares and sides of triangles that may be touched soon
+    number: np.ndarray  # (N,), how many
+    changed: np.ndarray  # (nx, ny), step of the last removal near a square
+
+
+def know_all(n, shape):
+    """All particles are looked at in step 0; the surface has squares of this `shape`."""
+    return Watch(
+        np.zeros(n, np.int64), np.zeros(COLUMNS * n), np.zeros(n), np.zeros(n, np.bool_),
+        np.zeros(3 * MOST_CLOSE * n, np.int32), np.zeros(n, np.int64), np.full(shape, -1),
+    )  # fmt: skip
+
+
+class Fixed(NamedTuple):
+    """What stays the same for all steps of a call, SI."""
+
+    dt: float  # s
+    half_x: float  # half of the period, m; infinite where not periodic
+    half_y: float
+    half_z: float
+    margin: float  # by which a box of velocities is wider than it must be, m/s
+    slip_limit: float  # (mu/rho)^2: Re <= 1 where (d |u - v|)^2 is not above it, m4/s2
+    flow_x: float  # of a uniform flow, m/s; 0 in a Couette flow, which is added by its shear
+    flow_y: float
+    flow_z: float
+    remarkable: float  # m/s, approach from which an impact on the surface removes or has a ledger row
+    way: float  # AHEAD steps, s
+    per_spacing: float  # one over the spacing of the nodes, 1/m
+    around: float  # m, within which a particle may move for the map of the surface's maxima to hold
+
+
+def fastest_flow(model):
+    """The largest speed of the fluid, m/s."""
+    return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
+
+
+def fixed_of(model, numerics, dt, largest, mapped_within):
+    """`Fixed` for steps of `dt` and a map of the surface that looks `mapped_within` (m) around."""
+    couette = model.flow == FLOW_COUETTE
+    viscous = model.viscosity / model.fluid_density if model.fluid_density > 0.0 else math.inf
+    remarkable = numerics.ledger_speed
+    if model.deposit != DEPOSIT_NONE:
+        remarkable = min(remarkable, model.threshold_velocity)
+    return Fixed(
+        dt, half_period(model.length_x), half_period(model.length_y), half_period(model.length_z),
+        MARGIN * fastest_flow(model),
+        viscous * viscous,
+        0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
+        remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
+        SAFETY * mapped_within - 0.5 * largest,
+    )  # fmt: skip
+
+
+@part
+def pace_of(known, i, mean_x, mean_y):
+    """The highest speed in the box of particle i, relative to a mean, m/s."""
+    row = COLUMNS * i
+    return fastest(
+        known[row + K.x_low], known[row + K.x_high], known[row + K.y_low], known[row + K.y_high],
+        known[row + K.z_low], known[row + K.z_high], mean_x, mean_y,
+    )  # fmt: skip
+
+
+@part
+def in_box(known, i, vx, vy, vz):
+    """Whether a velocity of particle i is within its box."""
+    row = COLUMNS * i
+    inside = (known[row + K.x_low] <= vx) & (vx <= known[row + K.x_high])
+    inside &= (known[row + K.y_low] <= vy) & (vy <= known[row + K.y_high])
+    return inside & (known[row + K.z_low] <= vz) & (vz <= known[row + K.z_high])
+
+
+@part
+def box_holds(known, i, step, vx, vy, vz):
+    """Whether particle i, looked at in `step`, needs no new box."""
+    return step < known[COLUMNS * i + K.renewed] and in_box(known, i, vx, vy, vz)
+
+
+@part
+def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
+    """Give particle i a new box; return 1, -1 or 0: how many more may have drag that is not linear."""
+    known, row = w.known, COLUMNS * i
+    x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
+        model, fixed.dt, pad_height, fixed.margin, s.drag[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
+    )
+    known[row + K.x_low], known[row + K.x_high], known[row + K.y_low] = x_low, x_high, y_low
+    known[row + K.y_high], known[row + K.z_low], known[row + K.z_high] = y_high, z_low, z_high
+    known[row + K.renewed] = step + HORIZON - AHEAD - 1
+    w.pace[i] = pace_of(known, i, mean_x, mean_y)
+    over = 4.0 * s.radius[i] * s.radius[i] * slip > fixed.slip_limit
+    # nor can the sweep wrap a particle that crosses the box in one step
+    over = over or fixed.dt * max(z_high, -z_low) >= 2.0 * fixed.half_z
+    before = w.nonlinear[i]
+    w.nonlinear[i] = over
+    return int(over) - int(before)
