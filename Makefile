@@ -16,7 +16,7 @@ help:
 	@echo "make surfaces  write the STL files of the LIGGGHTS decks anew, from their cases"
 	@echo "make sensitivity  find what the suite would have caught (hours), and write it to README"
 	@echo "make reliability  measure what is survived (more than an hour), and write reports/reliability.md"
-	@echo "make benchmark    measure speed and memory (under half an hour), and write benchmarks/RESULTS.md"
+	@echo "make benchmark    measure speed and memory (some 40 minutes), and write benchmarks/RESULTS.md"
 	@echo "make clean     remove the virtual environment and what the tools left behind"
 
 compare: $(VENV)/installed
