@@ -20,7 +20,7 @@ from reference.compiled import inlined
 
 PIECE = 512  # particles
 PAIRS = 2048  # pairs
-ENOUGH = 25_000  # particles for each thread: two are slower than one with 1e4, and faster with 1e5
+ENOUGH = 25_000  # particles for each thread: two gain nothing over one with 1e4, much with 1e5
 
 # The body of such a loop is one call: what it assigned by itself to an array of a named tuple
 # would be lost.
