@@ -1,9 +1,9 @@
 """The fast stepper with many particles: cost over their number, equally dense, in one thread and in more.
 
-The layer of `polish_pair` at larger N, with pairs, drag, surface, pad and removal, from its start on. Each
-measurement is a process of its own: calls of the kernel as long as those of a run, of which the first, which
-warms up, does not count. The plain stepper makes the same steps, in one thread, up to 1e5
-particles. `python -m benchmarks.crowd STEPPER N` is one measurement.
+The layer of `polish_pair` at larger N, with pairs, drag, surface, pad and removal. Each measurement is a
+process of its own: of all N the same steps, in calls of the kernel as long as those of a run if there are as
+many, after as many that warm up and do not count. The plain stepper makes the same steps, in one thread, up
+to 1e5 particles. `python -m benchmarks.crowd STEPPER N` is one measurement.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from reference.fast.threads import most_threads, use_threads
 from reference.ledger import empty_ledger
 from reference.process import build_setup
 from reference.schemes import Numerics
-from reference.simulation import LEAST_STEPS, PARTICLE_STEPS
+from reference.simulation import LEAST_STEPS, PARTICLE_STEPS, ledger_room
 from reference.state import Setup
 from reference.timestep import DONE, LEDGER_FULL, P, new_progress
 from reference.timestep import advance as advance_plain
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
-CALLS = 2  # measured, after the first
+STEPS = 512  # measured, after as many that are not: particles meet more often as time goes on
+REPEATS, MOST_REPEATED = 3, 100_000  # measurements of the fast stepper, and particles; of more there is one
 MOST_PLAIN = 100_000  # particles
-ROWS = 1 << 16
 
 
 def one_size(stepper: str, count: int) -> dict[str, Any]:
@@ -48,11 +48,12 @@ def one_size(stepper: str, count: int) -> dict[str, Any]:
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", "ascii")  # the largest set from now on
     setup = build_setup(crowded(count, {}))
-    times, contacts = march(advance, setup, 1 + CALLS, max(LEAST_STEPS, PARTICLE_STEPS // count))
+    calls = STEPS // min(STEPS, max(LEAST_STEPS, PARTICLE_STEPS // count))
+    times, contacts = march(advance, setup, 2 * calls, STEPS // calls)
     state = setup.state
     digest = hashlib.sha256(state.position.tobytes() + state.velocity.tobytes() + state.heights.tobytes())
     return {
-        "stepper": stepper, "N": count, "s": median(times[1:]), "bytes": resident("VmHWM") - before,
+        "stepper": stepper, "N": count, "s": sum(times[calls:]) / calls, "bytes": resident("VmHWM") - before,
         "contacts": contacts, "digest": digest.hexdigest(),
     }  # fmt: skip
 
@@ -61,7 +62,7 @@ def march(advance: Any, setup: Setup, calls: int, steps: int) -> tuple[list[floa
     """Seconds of a particle-step in each of the calls, and contacts in one; moves the setup's state."""
     state, count = setup.state, len(setup.state.mass)
     numerics = Numerics(setup.time_step, False, 1e-6, 8, False, False, setup.case.numerics.ledger_speed)
-    scalars, rows, times = new_progress(), empty_ledger(ROWS), []
+    scalars, rows, times = new_progress(), empty_ledger(ledger_room(count)), []
     scalars[P.step], scalars[P.pad_height] = setup.time_step, state.pad_height
     for call in range(calls):
         begin, end = perf_counter(), (call + 1) * steps
@@ -82,7 +83,13 @@ def march(advance: Any, setup: Setup, calls: int, steps: int) -> tuple[list[floa
 def measure(quick: bool) -> dict[str, Any]:
     """`crowd`: for each N and number of threads seconds of a particle-step; whether all ended the same."""
     sizes = SIZES[:-2] if quick else SIZES
-    runs = [run("fast", count, threads) for threads in sorted({1, most_threads()}) for count in sizes]
+    asked: dict[tuple[int, int], list[dict[str, Any]]]
+    asked = {(threads, count): [] for threads in sorted({1, most_threads()}) for count in sizes}
+    for turn in range(REPEATS):
+        for (threads, count), made in asked.items():
+            if turn == 0 or count <= MOST_REPEATED:
+                made.append(run("fast", count, threads))
+    runs = [middle(made) for made in asked.values()]
     plain = [run("plain", count, 1) for count in sizes if count <= MOST_PLAIN]
     alone = [one["s"] for one in runs if one["threads"] == 1 and one["N"] >= BASE]
     ends = {(one["N"], one["digest"]) for one in runs}
@@ -93,6 +100,14 @@ def measure(quick: bool) -> dict[str, Any]:
             "same_to_the_bit": len(ends) == len(runs) / 2 if several else None,
             "bytes_per_particle": runs[-1]["bytes"] / runs[-1]["N"],
         }
+    }  # fmt: skip
+
+
+def middle(made: list[dict[str, Any]]) -> dict[str, Any]:
+    """Measurements of the same thing as one: the median of the time, the largest memory, and all digests."""
+    return made[0] | {
+        "s": median(one["s"] for one in made), "bytes": max(one["bytes"] for one in made),
+        "digest": "/".join(sorted({one["digest"] for one in made})),
     }  # fmt: skip
 
 
@@ -121,9 +136,10 @@ def lines(results: dict[str, Any]) -> list[str]:
     base = by_size[min(by_size, key=lambda n: abs(n - BASE))][1]
     text = [
         "`polish_pair` with more particles at the same density: pairs, drag, surface, pad and removal; the "
-        f"fast stepper, below N = {MANY} its loop for few, with what each call of it takes to begin. "
-        f"In one thread the cost of a particle-step varies by a factor of {found['spread']:.2f} from "
-        f"N = {BASE} on (goal: {GOAL:g} at most). {same} The plain stepper, in one thread, was asked up to "
+        f"fast stepper, below N = {MANY} its loop for few, with what each call of it takes to begin; {STEPS} "
+        f"steps after as many, medians of {REPEATS} measurements in turns, above N = {MOST_REPEATED} one. "
+        f"In one thread their cost varies by a factor of {found['spread']:.2f} from N = {BASE} on (goal: "
+        f"{GOAL:g} at most). {same} The plain stepper, in one thread, was asked up to "
         f"N = {MOST_PLAIN}; how many times as fast the fast one is, is in one thread too. "
         f"Memory: {found['bytes_per_particle']:.0f} bytes per particle, surface and ledger included.",
         "",

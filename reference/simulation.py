@@ -17,6 +17,7 @@ from reference.balances import close_books, removing_of_model
 from reference.case import Case
 from reference.checkpoint import DAMAGE, Arrays, Checkpoint, Saved, finished_run
 from reference.fast.stepper import BOOKED, advance_fast
+from reference.fast.swarm import MANY
 from reference.heightfield import Heightfield
 from reference.ledger import empty_ledger, ledger_frame
 from reference.process import build_setup
@@ -183,6 +184,11 @@ def _advance_to(recorder: _Recorder, t_end: float) -> None:
             raise SimulationError(f"{setup.case.name}: {message}", recorder.run())
 
 
+def ledger_room(count: int) -> int:
+    """Rows of the buffer that the kernel fills at first: of many particles for some hundred steps."""
+    return LEDGER_ROWS if count < MANY else max(4 * LEDGER_ROWS, count)
+
+
 class _Recorder:
     """The state of a run in progress and what has been recorded of it."""
 
@@ -205,7 +211,7 @@ class _Recorder:
         self.advance = advance_fast if part.stepper == "fast" else advance
         self.scalars = new_progress()
         self.scalars[P.step], self.scalars[P.pad_height] = setup.time_step, setup.state.pad_height
-        self.rows = empty_ledger(LEDGER_ROWS)
+        self.rows = empty_ledger(ledger_room(len(setup.state.mass)))
         self.spool = Spool(checkpoint, len(setup.state.mass))
         self.complete = False
         self.stops = 0  # passed

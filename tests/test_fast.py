@@ -45,6 +45,8 @@ CASES = {
     "constant_duration": HELD | {"contact": {"impact_duration": 2e-9}},
     "without_pairs": HELD | {"contact": {"pairs": False}},
     "new_contacts_only": HELD | {"removal": {"new_contacts_only": True}},
+    # several particles touch a triangle that falls
+    "coarse_surface": PINCHED | {"surface": {"size": 18e-6, "nodes": 9}},
     # so many that neighbors are sought in cells
     "many": HELD | {"particles": {"count": FEW + 60}, "surface": {"size": 37e-6, "nodes": 74}},
 }
@@ -90,6 +92,24 @@ def test_the_fast_stepper_follows_the_answer_key_to_round_off(name, loop):
         assert (ours[column] == theirs[column]).all()
     assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1]
     assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1]
+
+
+@pytest.mark.parametrize("room", [1, 60])
+def test_a_ledger_buffer_that_is_soon_full_changes_nothing(room, loop, monkeypatch):
+    """The loop for many makes a block of steps again, fewer of them, where its rows have no room."""
+    setup = shortened(polish(CASES["coarse_surface"]), 600)
+    plain, twin = simulate_setup(setup), simulate_setup(nudged(setup))
+    monkeypatch.setattr("reference.simulation.ledger_room", lambda count: room)
+    fast = simulate_setup(with_stepper(setup, "fast"))
+    period = setup.model.length_x
+    bound = allowed(600, plain.positions, twin.positions, period, period)
+    assert apart(fast.positions, plain.positions, period) <= bound < 1e-3 * setup.state.diameter.min()
+    assert len(plain.contacts) > 10 * room
+    ours, theirs = sorted_ledger(fast), sorted_ledger(plain)
+    for column in ("kind", "i", "j"):
+        assert (ours[column] == theirs[column]).all()
+    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > 0
+    assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1]
 
 
 def test_a_pad_that_is_lower_by_a_billionth_would_be_seen():
@@ -236,20 +256,23 @@ from cmpcheck.components.steppers import shortened, with_stepper
 from reference.simulation import simulate_setup
 reference.fast.few.REMAP = reference.fast.many.REMAP = 20  # steps, after which the surface is mapped anew
 reference.fast.stepper.MANY = int(sys.argv[1])  # particles, from which on the loop for many moves them
+reference.fast.many.MANY = int(sys.argv[2])  # particles of a group, at most
 run = simulate_setup(with_stepper(shortened(polish(HELD), 60), "fast"))
 print(json.dumps([run.positions.tolist(), len(run.contacts)]))
 """
 
 
-@pytest.mark.parametrize("many", [MANY, 1])
-def test_the_same_without_the_jit(many, monkeypatch):
+@pytest.mark.parametrize(("many", "group"), [(MANY, MANY), (1, MANY), (1, 3), (1, 1)])
+def test_the_same_without_the_jit(many, group, monkeypatch):
     """60 steps in plain Python, to the round-off that the order of sums in vectors leaves.
 
-    There the map of the surface's maxima is made anew every 20 steps, what compiled code does every 16 384.
+    There the map of the surface's maxima is made anew every 20 steps, what compiled code does every 16 384;
+    and groups that must not be larger than 3 are found with less skin, or for one step, and where there are
+    none, because two may not touch, the plain stepper goes on.
     """
     monkeypatch.setattr("reference.fast.stepper.MANY", many)
     found = subprocess.run(
-        [sys.executable, "-c", BARE, str(many)], env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        [sys.executable, "-c", BARE, str(many), str(group)], env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     positions, contacts = json.loads(found.stdout)

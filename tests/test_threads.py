@@ -1,4 +1,4 @@
-"""The fast stepper with as many particles as are shared out among threads: several pieces of each loop."""
+"""The fast stepper with as many particles as are shared out among threads: several chunks of pieces."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ from test_fast import sorted_ledger
 
 from cmpcheck import components
 from cmpcheck.components import steppers
-from cmpcheck.components.steppers import allowed, apart, crowded, nudged, shortened, with_stepper
+from cmpcheck.components.steppers import COARSER, allowed, apart, crowded, nudged, shortened, with_stepper
 from cmpcheck.suite import run_work
 from cmpcheck.suite_parts import ComponentTask
-from reference.fast.pieces import share_out
+from reference.fast.groups import PIECE
+from reference.fast.pieces import CHUNK, share_out
 from reference.fast.swarm import MANY
-from reference.fast.threads import PAIRS, PIECE, most_threads, use_threads
+from reference.fast.threads import most_threads, use_threads
 from reference.simulation import simulate_setup
 from reference.state import Setup
 
 COUNT, STEPS = 5000, 200
 
 
-def crowd() -> Setup:
+def crowd(coarser: int) -> Setup:
     """The layer of `polish_pair` with more particles, under a pad so low that many touch it."""
     changes = {"pad": {"initial_height": 1.25e-6}, "numerics": {"tolerance": 1e-15}}
-    return shortened(crowded(COUNT, changes), STEPS)
+    return shortened(crowded(COUNT, changes, coarser), STEPS)
 
 
-def test_many_particles_follow_the_answer_key_to_round_off():
-    """The bound is that of `steppers.allowed`; here each loop has several pieces."""
-    setup = crowd()
+@pytest.mark.parametrize("coarser", [1, COARSER])
+def test_many_particles_follow_the_answer_key_to_round_off(coarser):
+    """The bound is that of `steppers.allowed`; here there is more than one chunk of pieces for threads.
+
+    Where triangles of the surface are larger than particles, several touch one that falls.
+    """
+    setup = crowd(coarser)
     assert COUNT >= MANY
-    assert COUNT > 4 * PIECE
+    assert COUNT > 2 * CHUNK * PIECE
     plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))
     period = setup.model.length_x
     bound_x = allowed(STEPS, plain.positions, twin.positions, period, period)
@@ -45,28 +50,27 @@ def test_many_particles_follow_the_answer_key_to_round_off():
     assert bound_x < 1e-3 * setup.state.diameter.min()
     assert apart(fast.positions, plain.positions, period) <= bound_x
     assert apart(fast.velocities, plain.velocities) <= bound_v
-    assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1] > PAIRS
-    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > PIECE
+    assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1] > 2048
+    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > 512
     ours, theirs = sorted_ledger(fast), sorted_ledger(plain)
     for column in ("kind", "i", "j"):
         assert (ours[column] == theirs[column]).all()
 
 
 DIGESTS = """
-import hashlib, sys
+import hashlib, itertools, sys
 sys.path.insert(0, "tests")
 from test_threads import crowd
 from pandas.util import hash_pandas_object
 from cmpcheck.components.steppers import with_stepper
 from reference.fast.threads import use_threads
 from reference.simulation import simulate_setup
-setup = with_stepper(crowd(), "fast")
-for threads in (1, 2, 3, 7):
+for coarser, threads in itertools.product((1, 4), (1, 2, 3, 7)):
     use_threads(threads)
-    run = simulate_setup(setup)
+    run = simulate_setup(with_stepper(crowd(coarser), "fast"))
     ledger = hash_pandas_object(run.contacts).to_numpy()
     found = b"".join(a.tobytes() for a in (run.positions, run.velocities, run.masses, run.surface.z, ledger))
-    print(len(ledger), hashlib.sha256(found).hexdigest())
+    print(coarser, len(ledger), hashlib.sha256(found).hexdigest())
 """
 
 
@@ -76,8 +80,8 @@ def test_the_result_is_the_same_to_the_bit_for_any_number_of_threads():
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     found = done.stdout.splitlines()
-    assert len(found) == 4
-    assert len(set(found)) == 1
+    assert len(found) == 8
+    assert len(set(found[:4])) == len(set(found[4:])) == 1
 
 
 def test_no_threaded_loop_is_kept_on_disk_by_itself():

@@ -27,6 +27,7 @@ STEPS, STEPS_OF_MANY = 1000, 800
 SEED = 11  # of the nudges
 VARIANT, VARIANT_OF_MANY = "polishing by both steppers", "polishing with many particles by both steppers"
 LOW = 1.2e-6  # height of the pad, m
+COARSER = 4  # times the distance of nodes, then 2 um
 FAST_PAD = 3.0  # m/s: some particles reach Re > 1, where drag is not linear
 Rows = Counter[tuple[int, int, int, int]]  # of a ledger: step, kind, i and j
 
@@ -38,19 +39,28 @@ def checks() -> list[Comparison]:
 
 
 def checks_of_many() -> list[Comparison]:
-    """Rows of the first steps of polishing with as few particles as the loop for many moves."""
-    case = crowded(MANY, {"pad": {"initial_height": LOW, "speed": FAST_PAD}})
+    """Rows of the first steps of polishing with as few particles as the loop for many moves.
+
+    The surface's triangles are larger than particles: several touch one that falls, which it has to see.
+    """
+    case = crowded(MANY, {"pad": {"initial_height": LOW, "speed": FAST_PAD}}, coarser=COARSER)
     return _beside(shortened(case, STEPS_OF_MANY), STEPS_OF_MANY, VARIANT_OF_MANY)
 
 
-def crowded(particles: int, changes: dict[str, dict]) -> Case:
-    """The case with as many particles on a layer as dense, and other entries in some of its sections."""
+def crowded(particles: int, changes: dict[str, dict], coarser: int = 1) -> Case:
+    """The case with as many particles on a layer as dense, and other entries in some of its sections.
+
+    Nodes of its surface are `coarser` times as far apart.
+    """
     (case, *_) = load_case(CASE_OF).variants()
     assert case.particles is not None
     assert case.surface.nodes is not None
     spacing = case.surface.size / case.surface.nodes
     nodes = round(case.surface.nodes * np.sqrt(particles / case.particles.count))
-    layer = {"particles": {"count": particles}, "surface": {"size": nodes * spacing, "nodes": nodes}}
+    layer = {
+        "particles": {"count": particles},
+        "surface": {"size": nodes * spacing, "nodes": nodes // coarser},
+    }
     return case.replaced(layer | changes)
 
 

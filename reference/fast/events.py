@@ -93,6 +93,12 @@ def strike(
 
 
 @inner
+def told_of(model, largest):
+    """How many squares away a removal may matter to a particle, of the `largest` diameter (m)."""
+    return int(largest / model.spacing) + 2
+
+
+@inner
 def mark(changed, spacing, x, y, reach, step):
     """Note `step` in all squares within `reach` squares of the one at (x, y), whose nodes have fallen."""
     i, j = math.floor(x / spacing), math.floor(y / spacing)
@@ -127,7 +133,7 @@ def take_off(model, heights, progress, rows, first, last, largest, changed, step
     """
     removed = commit_removal(model, heights, rows, first, last)
     if removed:
-        squares = int(largest / model.spacing) + 2
+        squares = told_of(model, largest)
         for row in range(first, last):
             if rows[row, col.REMOVED_VOLUME] > 0.0:
                 mark(changed, model.spacing, rows[row, col.X], rows[row, col.Y], squares, step)

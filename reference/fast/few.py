@@ -38,13 +38,14 @@ from reference.fast.particle import (
     solve_special,
     speed_apart,
 )
-from reference.fast.swarm import ROW, views
+from reference.fast.swarm import ROW, scratch_of, views
 from reference.fast.sweep import fast_on_pad, glide, highest_of
 from reference.fast.watch import AHEAD, HORIZON, insert, remove, ring_of
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
-RELIST = -1  # status: the wide list of pairs has to be made anew
+RELIST = -1  # status: pairs may have come nearer than the list of them allows
+LOWERED = -2  # status: the highest node of the surface has fallen, which others have to know
 
 
 class Run(NamedTuple):
@@ -58,9 +59,13 @@ class Run(NamedTuple):
     mean_y: int = 5
     near: int = 6  # pairs in the narrow list
     nonlinear: int = 7  # particles whose drag may not be linear
-    fresh: int = 8  # 1 where the wide list has just been made
+    fresh: int = 8  # 1 where the list of pairs has just been made
     mapped: int = 9  # step in which the map of the surface's maxima was made
     gone: int = 10  # how far a particle may have gone since positions were wrapped, m
+    top_x: int = 11  # the highest node
+    top_y: int = 12
+    alone: int = 13  # 1 where there are no other particles than those given
+    frozen: int = 14  # 1 where the surface is left as it is
 
 
 R = Run()
@@ -68,37 +73,52 @@ R = Run()
 
 @kernel
 def march_few(
-    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, scratch, order,
-    heights, rows,
+    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, order, heights,
+    rows,
 ):  # fmt: skip
     """Make steps until all are made, or until something is in the way; see `stepper.advance_fast`.
 
     The same arguments as those of `many.march_many`; particles stand in the order of everyone else.
     """
-    n = order.size
+    n, dt = order.size, fixed.dt
     ring, origin = ring_of(n), Origin(np.empty(n), np.empty(n), np.empty(n))
-    lists, meeting, c = lists_of(np.empty((0, 2), np.int64)), np.empty(LANES, np.uint32), batch()
+    scratch, meeting, c, run = scratch_of(n), np.empty(LANES, np.uint32), batch(), np.zeros(len(R))
+    lists = lists_of(np.empty((0, 2), np.int64))
     for i in range(n):
         insert(w.due, ring, i, 0)
-    run = np.zeros(len(R))
-    run[R.left], run[R.spent], run[R.gone] = -1.0, math.inf, math.inf
-    while True:
+    run[R.alone], run[R.fresh], run[R.spent] = 1.0, 1.0, math.inf
+    run[R.top_x], run[R.top_y] = highest_node(heights)
+    skin = NARROW * largest
+    room = WIDE * largest - skin
+    status = RELIST
+    while status == RELIST:
+        settle(s, 0, n, periods)
+        if run[R.spent] < math.inf:
+            run[R.spent] = 2.0 * farthest(s, origin, periods)
+        if model.has_pairs and n > 1 and not run[R.spent] <= room:
+            lists = lists_of(list_wide(s, largest, periods, origin))
+            run[R.spent], run[R.mean_x], run[R.mean_y] = 0.0, mean(s.vx, n), mean(s.vy, n)
+            for i in range(n):
+                w.pace[i] = pace_of(w.known, i, run[R.mean_x], run[R.mean_y])
+        run[R.fresh] = 1.0
         status = march(
-            model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ring, origin,
+            model, numerics, fixed, progress, t_start, last_step, largest, skin, room, periods, s, w, ring,
             lists, ceiling, scratch, meeting, c, c.view(np.int64), run, heights, rows,
         )  # fmt: skip
-        if status != RELIST:
-            return status
-        lists = lists_of(list_wide(s, largest, periods, origin))
-        run[R.spent], run[R.fresh] = 0.0, 1.0
+    for i in range(n):
+        progress[P.contacts] += s.contacts[i]
+        progress[P.largest_ratio] = max(progress[P.largest_ratio], s.longest[i] / dt)
+    return status
 
 
 @uncounted
 def march(
-    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ring, origin, lists,
+    model, numerics, fixed, progress, t_start, last_step, largest, skin, room, periods, s, w, ring, lists,
     ceiling, scratch, meeting, c, bits, run, heights, rows,
 ):  # fmt: skip
-    """`march_few` until the wide list of pairs has to be made anew.
+    """Make steps until all are made, or until something is in the way.
+
+    `lists` has the pairs that are within `skin` and `room` (m) of each other when it is made.
 
     No array is made here: to count references to it at every step took a fifth of the time.
     """
@@ -109,43 +129,32 @@ def march(
     touched, touch_step, thrown, special = (
         scratch.touched, scratch.touch_step, scratch.thrown, scratch.special
     )  # fmt: skip
-    top_x, top_y = highest_node(heights)
+    top_x, top_y, alone = int(run[R.top_x]), int(run[R.top_y]), run[R.alone] > 0.0
     highest = heights[top_x, top_y] if model.has_surface else 0.0
-    skin = NARROW * largest
-    room = WIDE * largest - skin
     left, spent, speed = run[R.left], run[R.spent], run[R.speed]
     mean_x, mean_y, near = run[R.mean_x], run[R.mean_y], int(run[R.near])
     some_nonlinear, fresh, gone = int(run[R.nonlinear]), run[R.fresh] > 0.0, run[R.gone]
     drift = math.hypot(mean_x, mean_y)
-    pairs = model.has_pairs and n > 1
+    bounded = model.has_pairs and (n > 1 or not alone)
     quarter = 0.5 * min(fixed.half_x, fixed.half_y)
     mapped = run[R.mapped]
     pad_height = progress[P.pad_height]
     status, step, row = DONE, int(run[R.step]), int(progress[P.rows])
     begin_step = step
-    longest, contacts = progress[P.largest_ratio] * dt, 0
     while step < last_step and status == DONE:
         time = progress[P.time] if step == 0 else t_start + step * dt
         descent, shear = 0.0, shear_of(model, pad_height)
         if model.has_pad:
             descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
-        if fresh or (pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
-            settle(s, 0, n, periods)
-            if pairs and not fresh:
+        if fresh or (bounded and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
+            if bounded and not fresh:
                 spent += skin - left + 2.0 * dt * speed
-                if spent > room and spent < math.inf:
-                    spent = 2.0 * farthest(s, origin, periods)
                 if not spent <= room:
                     status = RELIST
                     break
-            if fresh:
-                mean_x, mean_y = mean(f.vx, n), mean(f.vy, n)
-                drift = math.hypot(mean_x, mean_y)
-                for k in range(n):
-                    w.pace[k] = pace_of(w.known, k, mean_x, mean_y)
-                fresh = False
+            settle(s, 0, n, periods)
             near = list_narrow_of(s, lists, skin, periods, 0, lists.narrow.size // 2)
-            left, gone, speed = skin, 0.0, highest_of(w.pace)
+            left, gone, speed, fresh = skin, 0.0, highest_of(w.pace), False
         else:
             left -= 2.0 * dt * speed
             gone += dt * (speed + drift)
@@ -172,18 +181,19 @@ def march(
                 touching, nx, ny, nz, qx, qy, qz, steps = find_surface(
                     model, fixed, heights, ceiling.height, f, w, i, step, same_box
                 )
+                f.met_surface[i] = 1.0 if touching else f.met_surface[i]
                 closing = -(f.vx[i] * nx + f.vy[i] * ny + f.vz[i] * nz) if touching else 0.0
                 if closing > 0.0:
                     row, lasting = hit_surface(
                         model, numerics, fixed, f, w, scratch, heights, i, time, shear, pad_height, closing,
                         nx, ny, nz, qx, qy, qz, rows, row,
                     )  # fmt: skip
-                    contacts += 1
+                    f.contacts[i] += 1.0
                     touch_step[i] = step
                     touched[n_touched] = i
                     n_touched += 1
                     if closing > SLOWEST:
-                        longest = max(longest, lasting)
+                        f.longest[i] = max(f.longest[i], lasting)
             insert(due, ring, i, step + 1 + steps)
         struck = row
 
@@ -193,7 +203,6 @@ def march(
             pair, met = next_batch(
                 model, fixed, f, lists, w.nonlinear, shear, pad_height, pair, near, meeting, c, bits
             )
-            contacts += met
             for k in range(met):
                 i, j = narrow[2 * meeting[k]], narrow[2 * meeting[k] + 1]
                 closing = -c[B.separation + k]
@@ -209,8 +218,9 @@ def march(
                 touched[n_touched] = j
                 n_touched += int(touch_step[j] != step)
                 touch_step[j] = step
+                f.contacts[i] += 1.0
                 if closing > SLOWEST:
-                    longest = max(longest, c[B.duration + k])
+                    f.longest[i] = max(f.longest[i], c[B.duration + k])
                 if closing >= numerics.ledger_speed:
                     record_pair(model, dt, time, pad_height, s, i, j, rows[row])
                     row += 1
@@ -221,10 +231,9 @@ def march(
             recorded = fast_on_pad(f.z, f.vz, f.radius, pad_height, descent, numerics.ledger_speed)
         if recorded > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
-        met_pad, n_thrown, n_special = depart_all(
+        n_thrown, n_special = depart_all(
             model, fixed, f, w, scratch, 0, n_touched, shear, pad_height, descent
         )
-        contacts += met_pad
         if some_nonlinear > 0:
             for k in range(n):
                 if w.nonlinear[k] and touch_step[k] != step:
@@ -232,9 +241,9 @@ def march(
                     n_special += 1
 
         # drag and motion of all
-        contacts += glide(
+        glide(
             model, dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, f.x, f.y, f.z, f.vx, f.vy, f.vz, f.yielding,
-            f.under_pad, shear, pad_height, descent,
+            f.under_pad, f.contacts, shear, pad_height, descent,
         )  # fmt: skip
         if model.has_pad:
             for k in range(n_touched):
@@ -263,21 +272,23 @@ def march(
         if status != DONE:
             row = begin
             break
-        if struck > begin:
+        if struck > begin and run[R.frozen] == 0.0:
             removed = take_off(model, heights, progress, rows, begin, struck, largest, w.changed, step)
             if removed and heights[top_x, top_y] < highest:
-                top_x, top_y = highest_node(heights)
-                highest = heights[top_x, top_y]
+                if alone:
+                    top_x, top_y = highest_node(heights)
+                    highest = heights[top_x, top_y]
+                else:
+                    status = LOWERED
         step += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:
             pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
     run[R.step], run[R.left], run[R.spent], run[R.speed] = step, left, spent, speed
-    run[R.mean_x], run[R.mean_y], run[R.near], run[R.nonlinear] = mean_x, mean_y, near, some_nonlinear
+    run[R.near], run[R.nonlinear] = near, some_nonlinear
     run[R.fresh], run[R.mapped], run[R.gone] = 1.0 if fresh else 0.0, mapped, gone
+    run[R.top_x], run[R.top_y] = top_x, top_y
     progress[P.rows] = row
     progress[P.steps] += step - begin_step
-    progress[P.contacts] += contacts
-    progress[P.largest_ratio] = longest / dt if dt > 0.0 else progress[P.largest_ratio]
     progress[P.pad_height] = pad_height
     return status

@@ -1,7 +1,9 @@
-"""The fast stepper's loop for many particles: the order of a step's phases, which threads share out.
+"""The fast stepper's loop for many particles: blocks of steps, which groups of particles make by themselves.
 
-What is done with one piece of particles or pairs is `pieces.py`.  Contacts are added up here, in the order of
-the pieces, one after another: threads change nothing.
+For as many steps as no two particles of different groups can touch each other, a group need not know of the
+others: pieces of whole groups are moved one after another, or by threads, each in memory of a core's own.
+Groups meet in the surface alone.  First each leaves it as it is.  Where it would have fallen, those who touch
+it nearby become one group, and these are moved again while it falls; until that brings no others together.
 """
 
 from __future__ import annotations
@@ -13,161 +15,229 @@ import numpy as np
 from reference import ledger as col
 from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
-from reference.fast.events import record_pad, record_pair, take_off
+from reference.fast.events import book_removals, take_off, told_of
+from reference.fast.groups import bins_of, group_pairs, largest_group, part_out
+from reference.fast.harvest import (
+    bring_in,
+    copy_nodes,
+    harvest_of,
+    mark_removers,
+    row_begins,
+    spread_removals,
+    store,
+)
 from reference.fast.known import pace_of
-from reference.fast.near import WIDE, Origin, farthest, list_wide, lists_of, mean
-from reference.fast.particle import hit_surface, shear_of
-from reference.fast.pieces import COLLIDE, LIST, MOVE, SETTLE, WATCH, Now, found_of, met_of, share_out
-from reference.fast.sweep import fast_on_pad, highest_of
-from reference.fast.threads import PAIRS, PIECE
-from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
-from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
+from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
+from reference.fast.pieces import STATE, Block, World, found_of, share_out
+from reference.fast.swarm import MANY
+from reference.fast.sweep import highest_of
+from reference.fast.watch import AHEAD
+from reference.pad import lowered_pad, lowest_pad_height
+from reference.timestep import DONE, LEDGER_FULL, P
 
-SKIN = 0.3  # of the narrow list, of the largest diameter: among many, one is always fast
+SKIN = 0.4  # within which pairs are known in a block, of the largest diameter
+USED = 0.75  # of it, by the way of the fastest: contacts may make one faster
+THIN = 1e-3  # of the largest diameter: a skin that is of no use
+CROWDED = -3  # status: so many particles touch each other that they make no groups
 
 
 @inner
-def push_pairs(model, numerics, fixed, time, pad_height, step, s, scratch, order, lists, met, rows, row):
-    """Add up the impulses of the pairs in contact: (next free row, contacts, longest duration in s)."""
-    narrow, touch_step, contacts, longest = lists.narrow, scratch.touch_step, 0, 0.0
-    for piece in range(met.near.size):
-        contacts += met.touching[piece]
-        for at in range(piece * PAIRS, piece * PAIRS + met.touching[piece]):
-            pair = met.pair[at]
-            i, j = narrow[2 * pair], narrow[2 * pair + 1]
-            contact = met.contact[at]
-            s.jx[i] += contact[0]
-            s.jy[i] += contact[1]
-            s.jz[i] += contact[2]
-            s.jx[j] -= contact[0]
-            s.jy[j] -= contact[1]
-            s.jz[j] -= contact[2]
-            touch_step[i], touch_step[j] = step, step
-            if contact[3] > SLOWEST:
-                longest = max(longest, contact[4])
-            if contact[3] >= numerics.ledger_speed:
-                if order[i] > order[j]:
-                    i, j = j, i
-                record_pair(model, fixed.dt, time, pad_height, s, i, j, rows[row])
-                row += 1
-    return row, contacts, longest
+def start_speed(model, s, n, mean_x, mean_y):
+    """The highest speed relative to the mean, m/s, before any box of velocities is known."""
+    fastest = 0.0
+    for i in range(n):
+        fastest = max(fastest, (s.vx[i] - mean_x) ** 2 + (s.vy[i] - mean_y) ** 2 + s.vz[i] ** 2)
+    return 2.0 * (math.sqrt(fastest) + model.pad_descent)
+
+
+@inner
+def fewest(found, steps):
+    """The fewest steps that a piece has made, `steps` at most, and which piece, or -1."""
+    made, worst = steps, -1
+    for piece in range(found.made.size):
+        if found.made[piece] < made:
+            made, worst = found.made[piece], piece
+    return made, worst
+
+
+@inner
+def try_block(world, block, parent, order, narrow, near, speed, state, met_surface):
+    """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
+
+    Where these are not all of its steps the surface is as before, and what is known of particles of no use.
+    """
+    model, fixed, s, steps = world.model, world.fixed, world.s, block.last - block.first
+    n, drift = parent.size, math.hypot(block.mean_x, block.mean_y)
+    again, wanted, harvest = np.zeros(n, np.bool_), np.ones(n, np.bool_), harvest_of(n)
+    # not farther from a contact, when the block begins, are those that may touch a triangle which it lowers,
+    # two diagonals of a square away; and those that look at one, or are told of it
+    way = 0.5 * block.skin + steps * fixed.dt * drift
+    close = 0.5 * world.largest + 3.0 * model.spacing + way
+    told = 1.5 * model.spacing * (told_of(model, world.largest) + 1)
+    within = max(close + fixed.way * (speed + drift), told + way)
+    bins = bins_of(s, 0, within, within, within)
+    run = 0
+    while True:
+        parts = part_out(parent, wanted, order, narrow, near)
+        found = found_of(state, met_surface, parts)
+        share_out(
+            parts, block, found, model, world.numerics, fixed, world.t_start, world.largest, world.periods, s,
+            world.w, world.ceiling, world.heights, world.seen,
+        )  # fmt: skip
+        for k in range(parts.member.size):
+            harvest.latest[parts.member[k]] = run
+        harvest = bring_in(harvest, found, run)
+        fewer, worst = fewest(found, steps)
+        again[:] = False
+        if fewer == steps and steps > 1 and model.has_surface:
+            if run == 0:
+                mark_removers(harvest, again)
+                if again.any():
+                    bins = bins_of(s, n, within, model.length_x, model.length_y)
+            spread_removals(
+                harvest, run, bins, s, met_surface, model.length_x, model.length_y, close, within,
+                parent, world.w.known, again,
+            )  # fmt: skip
+        if fewer == steps and not again.any():
+            return steps, harvest, DONE, 0
+        if fewer == steps and largest_group(parent) > MANY:
+            fewer, worst = steps // 2, 0
+        if fewer < steps:
+            again[:] = True
+            copy_nodes(world.seen, world.heights, model.spacing, harvest, 1, again)
+            return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
+        wanted[:] = False
+        for i in range(n):
+            wanted[parent[i]] |= again[i]
+        for i in range(n):
+            again[i] = wanted[parent[i]]
+        copy_nodes(world.seen, world.heights, model.spacing, harvest, 1, again)
+        run += 1
+        block = Block(
+            block.first, block.last, block.time, block.pad_height, block.mean_x, block.mean_y, block.top_x,
+            block.top_y, block.skin, False, True,
+        )  # fmt: skip
+
+
+@inner
+def commit(s, state, progress, dt):
+    """Have all particles where they have got to; count their contacts."""
+    contacts, longest = 0.0, 0.0
+    for i in range(state.shape[0]):
+        s.x[i], s.y[i], s.z[i] = state[i, 0], state[i, 1], state[i, 2]
+        s.vx[i], s.vy[i], s.vz[i] = state[i, 3], state[i, 4], state[i, 5]
+        s.mass[i] = state[i, 6]
+        contacts += state[i, 7]
+        longest = max(longest, state[i, 8])
+    progress[P.contacts] += contacts
+    progress[P.largest_ratio] = max(progress[P.largest_ratio], longest / dt)
+
+
+@inner
+def predicted(rate, steps):
+    """How many ledger rows so many steps may need, at `rate` a step."""
+    return int(1.2 * rate * steps) + 1
 
 
 @kernel
 def march_many(
-    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, scratch, order,
-    heights, rows,
+    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, order, heights,
+    rows,
 ):  # fmt: skip
     """Make steps until all are made, or until something is in the way; see `stepper.advance_fast`.
 
     Particles stand cell by cell, so that those next to each other in space are so in memory: particle i is
     the one order[i] for everyone else.
     """
-    n, dt = scratch.special.shape[0], fixed.dt
+    n, dt = order.size, fixed.dt
+    seen = ceiling.across  # memory that is of use only while the map is made
+    seen[:] = heights
+    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen)
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
     skin = SKIN * largest
-    room = WIDE * largest - skin
-    origin, found = Origin(np.empty(n), np.empty(n), np.empty(n)), found_of(n)
-    lists, met = lists_of(np.empty((0, 2), np.int64)), met_of(0)
-    pieces = found.hits.size
-    # what all phases of the call are given
-    same = (model, numerics, fixed, periods, skin, heights, ceiling.height, s, w, scratch, found)
-    left, spent, gone, speed, mean_x, mean_y, drift = -1.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
-    quarter = 0.5 * min(fixed.half_x, fixed.half_y)
-    nonlinear, mapped = 0, 0
+    origin, lists = Origin(np.empty(n), np.empty(n), np.empty(n)), lists_of(np.empty((0, 2), np.int64))
+    parent, state, met_surface = np.empty(n, np.int64), np.empty((n, STATE)), np.empty(n, np.bool_)
+    everyone = np.ones(n, np.bool_)
+    mean_x, mean_y, spent, rate = 0.0, 0.0, math.inf, 0.0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
-    first = row
-    status, longest = DONE, progress[P.largest_ratio] * dt
+    first_row, mapped, status = row, 0, DONE
     step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
-    while step < last_step and status == DONE:
-        time = progress[P.time] if step == 0 else t_start + step * dt
-        descent, shear = 0.0, shear_of(model, pad_height)
-        if model.has_pad:
-            descent = pad_velocity(model, pad_height, lowest_pad_height(model, highest, largest))
-        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)
-        if (model.has_pairs and left < 2.0 * dt * speed) or gone + dt * (speed + drift) > quarter:
-            share_out(SETTLE, pieces, now, lists, met, *same)
-            spent += skin - left + 2.0 * dt * speed
-            if spent > room and spent < math.inf:
-                spent = 2.0 * farthest(s, origin, periods)
-            if model.has_pairs and not spent <= room:
-                lists = lists_of(list_wide(s, largest, periods, origin))
-                met = met_of(lists.wide.shape[0])
-                spent, mean_x, mean_y = 0.0, mean(s.vx, n), mean(s.vy, n)
-                drift = math.hypot(mean_x, mean_y)
-                for i in range(n):
-                    w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
-            share_out(LIST, met.near.size, now, lists, met, *same)
-            now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)  # of a new mean
-            left, gone, speed = skin, 0.0, highest_of(w.pace)
-        else:
-            left -= 2.0 * dt * speed
-            gone += dt * (speed + drift)
+    while step < last_step:
+        settle(s, 0, n, periods)
+        if spent < math.inf:
+            spent = 2.0 * farthest(s, origin, periods)
+        if not spent <= WIDE * largest - skin:
+            mean_x, mean_y = mean(s.vx, n), mean(s.vy, n)
+            for i in range(n):
+                w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
+            spent, pairs = 0.0, list_wide(s, largest, periods, origin)
+            lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
-            mapped = step
-
-        share_out(WATCH, pieces, now, lists, met, *same)
-        nonlinear += found.nonlinear.sum()
-        speed = max(speed, highest_of(found.pace))
-        share_out(COLLIDE, met.near.size, now, lists, met, *same)
-        on_pad = 0
-        if model.has_pad and numerics.ledger_speed <= speed + descent:
-            on_pad = fast_on_pad(s.z, s.vz, s.radius, pad_height, descent, numerics.ledger_speed)
-        if row + found.hits.sum() + 1 + met.noted.sum() + on_pad > rows.shape[0]:
-            status = LEDGER_FULL  # nothing has been changed that the next call does not find out by itself
+            seen[:], mapped = heights, step
+        speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
+        near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
+        while group_pairs(parent, lists.narrow, near) > MANY and skin > THIN * largest:
+            skin *= 0.5
+            near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
+        if skin <= THIN * largest:
+            status = CROWDED
             break
-
-        begin, contacts = row, 0
-        for piece in range(found.hits.size):
-            for at in range(piece * PIECE, piece * PIECE + found.hits[piece]):
-                i, hit = found.listed[at], found.hit[at]
-                closing = -(s.vx[i] * hit[0] + s.vy[i] * hit[1] + s.vz[i] * hit[2])
-                row, lasting = hit_surface(
-                    model, numerics, fixed, s, w, scratch, heights, i, time, shear, pad_height, closing,
-                    hit[0], hit[1], hit[2], hit[3], hit[4], hit[5], rows, row,
-                )  # fmt: skip
-                scratch.touch_step[i] = step
-                contacts += 1
-                if closing > SLOWEST:
-                    longest = max(longest, lasting)
-        struck = row
-        row, between, lasting = push_pairs(
-            model, numerics, fixed, time, pad_height, step, s, scratch, order, lists, met, rows, row
-        )
-        longest = max(longest, lasting)
-        if on_pad > 0:
-            row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
-
-        now = Now(step, pad_height, descent, shear, mean_x, mean_y, nonlinear > 0)  # by now
-        share_out(MOVE, pieces, now, lists, met, *same)
-        faster = max(highest_of(found.thrown) - speed, 0.0)
-        left -= 2.0 * dt * faster
-        gone += dt * faster
-        for piece in range(found.status.size):
-            if found.status[piece] != DONE:
-                status, progress[P.culprit] = found.status[piece], order[found.culprit[piece]]
-        if status != DONE:
-            row = begin
+        steps = min(last_step - step, AHEAD)
+        if 2.0 * dt * speed * steps > USED * skin:
+            steps = max(1, int(USED * skin / (2.0 * dt * speed)))
+        while steps > 1 and predicted(rate, steps) > rows.shape[0] - first_row:
+            steps -= 1
+        if predicted(rate, steps) > rows.shape[0] - row and row > first_row:
+            status = LEDGER_FULL
             break
-        contacts += between + found.met_pad.sum()
-        if struck > begin:  # else the model would be handed on for nothing, which takes time
-            removed = take_off(model, heights, progress, rows, begin, struck, largest, w.changed, step)
-            if removed and heights[top_x, top_y] < highest:
+        time, made, anew = progress[P.time] if step == 0 else t_start + step * dt, False, False
+        while not made:
+            if anew:
+                group_pairs(parent, lists.narrow, near)
+            block = Block(
+                step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, skin, True, anew
+            )
+            fewer, harvest, failed, culprit = try_block(
+                world, block, parent, order, lists.narrow, near, speed, state, met_surface
+            )
+            begins = row_begins(harvest, t_start, dt, step, steps)
+            made = fewer == steps
+            if made and begins[3 * steps] > rows.shape[0] - row:
+                made, failed = False, LEDGER_FULL
+                while begins[3 * fewer] > rows.shape[0] - row:
+                    fewer -= 1
+                copy_nodes(seen, heights, model.spacing, harvest, 1, everyone)
+            if not made:
+                if fewer == 0 and steps == 1:
+                    status, progress[P.culprit] = failed, order[culprit]
+                    break
+                steps, anew = max(1, fewer), True
+        if not made:
+            break
+        end = row + begins[3 * steps]
+        store(harvest, begins, t_start, dt, step, rows, row)
+        if steps == 1:
+            take_off(model, heights, progress, rows, row, end, largest, w.changed, step)
+        else:
+            book_removals(progress, rows, row, end)
+        copy_nodes(heights, seen, model.spacing, harvest, 0, everyone)
+        commit(s, state, progress, dt)
+        for k in range(steps):
+            if k == steps - 1 and model.has_surface and heights[top_x, top_y] < highest:
                 top_x, top_y = highest_node(heights)
                 highest = heights[top_x, top_y]
-        progress[P.contacts] += contacts
-        step += 1
+            if model.has_pad:
+                pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
+        rate, row = (end - row) / steps, end
+        step += steps
         progress[P.time] = t_start + step * dt
-        if model.has_pad:
-            pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
-    for k in range(first, row):
+    for k in range(first_row, row):
         rows[k, col.I] = order[int(rows[k, col.I])]
         if rows[k, col.KIND] == col.KIND_PAIR:
             rows[k, col.J] = order[int(rows[k, col.J])]
     progress[P.rows] = row
     progress[P.steps] += step
-    progress[P.largest_ratio] = longest / dt if dt > 0.0 else progress[P.largest_ratio]
     progress[P.pad_height] = pad_height
     return status

@@ -40,8 +40,8 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     x, y, z, radius = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y), s.z[i], s.radius[i]
     x_low, x_high, y_low = known[row + K.x_low], known[row + K.x_high], known[row + K.y_low]
     y_high, z_low, z_high = known[row + K.y_high], known[row + K.z_low], known[row + K.z_high]
-    a = min(int(x * fixed.per_spacing), changed.shape[0] - 1)
-    b = min(int(y * fixed.per_spacing), changed.shape[1] - 1)
+    a = min(int(x * fixed.per_spacing), above.shape[0] - 1)
+    b = min(int(y * fixed.per_spacing), above.shape[1] - 1)
     clear = z - radius + fixed.way * min(z_low, 0.0) >= above[a, b]
     clear = clear and fixed.way * max(x_high, -x_low, y_high, -y_low) <= fixed.around
     again = same_box and step <= known[row + K.until] and changed[a, b] < known[row + K.looked]
@@ -134,15 +134,15 @@ def keep(s, special, kept, k, i):
 
 @part
 def depart_all(model, fixed, s, w, scratch, first, last, shear, pad_height, descent):
-    """`depart` for those in `touched` from `first` to `last` - 1: (how many meet the pad, throws, specials).
+    """`depart` for those in `touched` from `first` to `last` - 1: (throws, specials).
 
     Those thrown and the special ones stand in `thrown` and `special` from `first` on, up to what is returned.
     """
-    met_pad, throws, specials = 0, first, first
+    throws, specials = first, first
     for k in range(first, last):
         i = scratch.touched[k]
         meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
-        met_pad += int(meets)
+        s.contacts[i] += 1.0 if meets else 0.0
         if leaves:
             scratch.thrown[throws] = i
             throws += 1
@@ -151,7 +151,7 @@ def depart_all(model, fixed, s, w, scratch, first, last, shear, pad_height, desc
             specials += 1
         s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
         s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-    return met_pad, throws, specials
+    return throws, specials
 
 
 @part

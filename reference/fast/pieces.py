@@ -1,233 +1,246 @@
-"""What a thread does with one piece of many particles, or of their pairs, in each phase of a step.
+"""Pieces of many particles, which make some steps each by itself, in memory of a core's own.
 
-What is done for one particle is `particle.py`, for a batch of pairs `pairs.py`; the order of the phases is
-`many.py`.  What a piece finds goes to places of its own.
+How they are made is `groups.py`, how they move `few.march`, what is done with what they have found `many.py`.
+What a piece leads to goes to places of its own, so that threads can share pieces out.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from reference.compiled import inner, uncounted
-from reference.fast.known import COLUMNS, box_holds, renew
-from reference.fast.near import list_narrow_of, settle
-from reference.fast.pairs import LANES, B, batch, next_batch
-from reference.fast.particle import (
-    check_thrown,
-    depart_all,
-    find_surface,
-    keep,
-    solve_special,
-    speed_apart,
-)
-from reference.fast.sweep import glide
-from reference.fast.threads import PAIRS, PIECE, pieces_of, prefetch, threaded
-from reference.fast.watch import AHEAD, MOST_CLOSE
-from reference.timestep import DONE
+from reference import ledger as col
+from reference.compiled import inner
+from reference.fast.ceiling import Ceiling
+from reference.fast.few import R, march
+from reference.fast.harvest import WIDTH
+from reference.fast.known import COLUMNS, Fixed, K, Watch
+from reference.fast.near import FACTS, Lists
+from reference.fast.pairs import LANES, batch
+from reference.fast.swarm import COMPONENTS, PADDING, ROW, Scratch, Swarm, adapt, scratch_of, views
+from reference.fast.threads import prefetch, threaded
+from reference.fast.watch import HORIZON, MOST_CLOSE, Ring, insert, ring_of
+from reference.timestep import P
 
-# phases of a step; typed, for with each literal number all that `share_out` calls would be compiled anew
-SETTLE, LIST, WATCH, COLLIDE, MOVE = map(np.int64, range(5))
+CHUNK = 8  # pieces, one after another in the same memory
+STATE = 9  # numbers of a particle that its piece leads to: position, velocity, mass, contacts, their duration
 
 
 class Found(NamedTuple):
-    """What the pieces of a step have found among N particles; F pieces."""
+    """What F pieces in C chunks have led to, for all N particles."""
 
-    listed: np.ndarray  # (N,), from the first particle of each piece on: who is looked at; then who hits
-    hit: np.ndarray  # (N, 6), in the same places: normal and point of contact of those
-    hits: np.ndarray  # (F,), how many
-    pace: np.ndarray  # (F,), highest speed in a new box, relative to the mean, m/s
-    nonlinear: np.ndarray  # (F,), how many more may have drag that is not linear
-    met_pad: np.ndarray  # (F,), how many meet it
-    thrown: np.ndarray  # (F,), highest speed of those thrown out of their boxes, m/s
+    state: np.ndarray  # (N, STATE), SI
+    met_surface: np.ndarray  # (N,), whether it touched the surface at any time
+    made: np.ndarray  # (F,), steps
     status: np.ndarray  # (F,)
     culprit: np.ndarray  # (F,), the particle that it is about
+    rows: np.ndarray  # (C, ..., columns), of the ledger
+    used: np.ndarray  # (C,), how many of them
 
 
-class Met(NamedTuple):
-    """What the pieces of the wide list of P pairs have found; G pieces."""
+class Block(NamedTuple):
+    """Some steps that pieces make: what is the same for all of them."""
 
-    near: np.ndarray  # (G,), how many are in the narrow list, from the first pair of the piece on
-    pair: np.ndarray  # (P,), in the same places: number in the narrow list of those in contact
-    contact: np.ndarray  # (P, 5), impulse of the first one, N s, speed of approach, m/s, and duration, s
-    touching: np.ndarray  # (G,), how many of them
-    noted: np.ndarray  # (G,), how many of these have a ledger row
-    meeting: np.ndarray  # (G, LANES), see `pairs.next_batch`
-    batch: np.ndarray  # (G, ...)
-    bits: np.ndarray  # the same memory as integers
-
-
-class Now(NamedTuple):
-    """What is the same for all particles in one step."""
-
-    step: int
+    first: int  # step
+    last: int  # step, which is not made any more
+    time: float  # at its beginning, s
     pad_height: float  # m
-    descent: float  # speed of the pad, m/s
-    shear: float  # of a Couette flow, 1/s
     mean_x: float  # velocity that paces are relative to, m/s
     mean_y: float
-    some_nonlinear: bool  # whether some may have drag that is not linear
+    top_x: int  # the highest node of the surface
+    top_y: int
+    skin: float  # m, within which all pairs are known
+    frozen: bool  # whether the surface is left as it is
+    anew: bool  # whether nothing is known of the particles
+
+
+class World(NamedTuple):
+    """What is the same for all blocks."""
+
+    model: NamedTuple
+    numerics: NamedTuple
+    fixed: Fixed
+    t_start: float  # s
+    largest: float  # diameter, m
+    periods: np.ndarray
+    s: Swarm
+    w: Watch
+    ceiling: Ceiling
+    heights: np.ndarray  # (nx, ny), m
+    seen: np.ndarray  # (nx, ny), those at the beginning of a block, m
+
+
+class Desk(NamedTuple):
+    """Memory in which one piece after another is moved."""
+
+    flat: np.ndarray  # the swarm
+    watch: Watch
+    ring: Ring
+    scratch: Scratch
+    meeting: np.ndarray
+    batch: np.ndarray
+    run: np.ndarray
+    progress: np.ndarray
 
 
 @inner
-def found_of(n):
-    """Room for what n particles may do."""
-    f = pieces_of(n, PIECE)
-    return Found(
-        np.empty(n, np.uint32), np.empty((n, 6)), np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64),
-        np.zeros(f, np.int64), np.zeros(f), np.zeros(f, np.int64), np.zeros(f, np.int64),
+def desk_of(n):
+    """Memory for pieces of n particles."""
+    watch = Watch(
+        np.zeros(n, np.int64), np.zeros(COLUMNS * n), np.zeros(n), np.zeros(n, np.bool_),
+        np.zeros(3 * MOST_CLOSE * n, np.int32), np.zeros(n, np.int64), np.empty((0, 0), np.int64),
+    )  # fmt: skip
+    return Desk(
+        np.empty(ROW * COMPONENTS), watch, ring_of(n), scratch_of(n), np.empty(LANES, np.uint32), batch(),
+        np.zeros(len(R)), np.zeros(2 * len(P)),
     )  # fmt: skip
 
 
 @inner
-def met_of(pairs):
-    """Room for what this many pairs may do."""
-    g = pieces_of(pairs, PAIRS)
-    batches = np.ones((g, batch().size))
-    return Met(
-        np.zeros(g, np.int64), np.empty(pairs, np.uint32), np.empty((pairs, 5)), np.zeros(g, np.int64),
-        np.zeros(g, np.int64), np.empty((g, LANES), np.uint32), batches, batches.view(np.int64),
+def gather(f, v, ring, member, block, world):
+    """Bring the particles `member` to the small swarm `f`, and what is known of them to `v`; see `Run`."""
+    n, uneven, s, w, heights = member.size, 0, world.s, world.w, world.heights
+    above, per_spacing = world.ceiling.height, world.fixed.per_spacing
+    for k in range(HORIZON):
+        ring.first[k] = -1
+    if heights.size > 0:
+        for k in range(n):
+            i = member[k]
+            a, b = int(s.x[i] * per_spacing), min(int(s.y[i] * per_spacing), heights.shape[1] - 1)
+            for row in range(a - 2, a + 4):
+                prefetch(heights[min(max(row, 0), heights.shape[0] - 1)], b)
+            prefetch(above[min(a, heights.shape[0] - 1)], b)
+    for k in range(n):
+        i = member[k]
+        f.x[k], f.y[k], f.z[k], f.vx[k], f.vy[k], f.vz[k] = s.x[i], s.y[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
+        f.mass[k], f.radius[k], f.modulus[k], f.drag[k] = s.mass[i], s.radius[i], s.modulus[i], s.drag[i]
+        f.under_pad[k] = f.radius[k]
+        adapt(f, world.fixed.dt, k)
+        for column in range(COLUMNS):
+            v.known[COLUMNS * k + column] = w.known[COLUMNS * i + column]
+        v.pace[k], v.nonlinear[k], v.number[k] = w.pace[i], w.nonlinear[i], w.number[i]
+        due = w.due[i]
+        if block.anew:
+            v.known[COLUMNS * k + K.renewed], v.known[COLUMNS * k + K.until] = -1.0, -1.0
+            due = block.first
+        insert(v.due, ring, k, due)
+        for at in range(3 * v.number[k]):
+            v.close[3 * MOST_CLOSE * k + at] = w.close[3 * MOST_CLOSE * i + at]
+        uneven += int(v.nonlinear[k])
+    for k in range(n, f.x.size):  # without drag, and never under the pad
+        f.x[k], f.y[k], f.z[k], f.vx[k], f.vy[k], f.vz[k] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        f.mass[k], f.yielding[k], f.under_pad[k], f.radius[k] = 1.0, 0.0, -math.inf, 0.0
+    f.jx[:], f.jy[:], f.jz[:] = 0.0, 0.0, 0.0
+    f.gained[:], f.contacts[:], f.longest[:], f.met_surface[:] = 0.0, 0.0, 0.0, 0.0
+    return uneven
+
+
+@inner
+def scatter(f, v, found, w, member):
+    """Note where particles have got to, and what is known of them."""
+    state = found.state
+    for k in range(member.size):
+        i = member[k]
+        state[i, 0], state[i, 1], state[i, 2] = f.x[k], f.y[k], f.z[k]
+        state[i, 3], state[i, 4], state[i, 5] = f.vx[k], f.vy[k], f.vz[k]
+        state[i, 6], state[i, 7], state[i, 8] = f.mass[k], f.contacts[k], f.longest[k]
+        found.met_surface[i] = f.met_surface[k] > 0.0
+        for column in range(COLUMNS):
+            w.known[COLUMNS * i + column] = v.known[COLUMNS * k + column]
+        w.due[i], w.pace[i], w.nonlinear[i], w.number[i] = v.due[k], v.pace[k], v.nonlinear[k], v.number[k]
+        for at in range(3 * v.number[k]):
+            w.close[3 * MOST_CLOSE * i + at] = v.close[3 * MOST_CLOSE * k + at]
+
+
+@inner
+def advance_piece(desk, lists, member, block, found, rows, used, world):
+    """Make the steps of a block with one piece: (steps made, status, particle it is about, rows in use)."""
+    n, v, progress, run, scratch = member.size, desk.watch, desk.progress, desk.run, desk.scratch
+    f = views(desk.flat, ROW, PADDING * ((n + PADDING - 1) // PADDING))
+    v = Watch(
+        v.due[:n], v.known[: COLUMNS * n], v.pace[:n], v.nonlinear[:n], v.close, v.number[:n],
+        world.w.changed,
     )  # fmt: skip
-
-
-@uncounted
-def watch_piece(piece, model, fixed, heights, above, s, w, found, now):
-    """Look at the particles of a piece whose time is up: new boxes, and who comes down on the surface."""
-    begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    listed, hit, due, known, step = found.listed, found.hit, w.due, w.known, now.step
-    count, hits, change, pace = 0, 0, 0, 0.0
-    for i in range(begin, end):
-        listed[begin + count] = i
-        count += int(due[i] <= step)
-    for k in range(begin, begin + count):
-        i = listed[k]
-        prefetch(known, COLUMNS * i)
-        prefetch(w.close, 3 * MOST_CLOSE * i)
-        prefetch(s.mass, i)
-        prefetch(s.drag, i)
-    if model.has_surface:
-        for k in range(begin, begin + count):
-            i = listed[k]
-            a = min(max(int(s.x[i] / model.spacing), 0), heights.shape[0] - 1)
-            b = min(max(int(s.y[i] / model.spacing), 0), heights.shape[1] - 1)
-            prefetch(above[a], b)
-            prefetch(w.changed[a], b)
-    for k in range(begin, begin + count):
-        i = listed[k]
-        same_box = box_holds(w.known, i, step, s.vx[i], s.vy[i], s.vz[i])
-        if not same_box:
-            change += renew(model, fixed, s, w, i, step, now.pad_height, now.mean_x, now.mean_y)
-            pace = max(pace, w.pace[i])
-        steps = AHEAD
-        if model.has_surface:
-            touching, nx, ny, nz, qx, qy, qz, steps = find_surface(
-                model, fixed, heights, above, s, w, i, step, same_box
-            )
-            if touching and s.vx[i] * nx + s.vy[i] * ny + s.vz[i] * nz < 0.0:
-                at = begin + hits
-                listed[at] = i
-                hit[at, 0], hit[at, 1], hit[at, 2] = nx, ny, nz
-                hit[at, 3], hit[at, 4], hit[at, 5] = qx, qy, qz
-                hits += 1
-        due[i] = step + 1 + steps
-    found.hits[piece], found.nonlinear[piece], found.pace[piece] = hits, change, pace
-
-
-@uncounted
-def collide_piece(piece, model, fixed, s, w, lists, met, now, ledger_speed):
-    """Find the contacts among the near pairs of a piece, and their impulses."""
-    begin = piece * PAIRS
-    pair, end = begin, begin + met.near[piece]
-    meeting, c, bits = met.meeting[piece], met.batch[piece], met.bits[piece]
-    at, noted = begin, 0
-    while pair < end:
-        pair, count = next_batch(
-            model, fixed, s, lists, w.nonlinear, now.shear, now.pad_height, pair, end, meeting, c, bits
-        )
-        for k in range(count):
-            met.pair[at], contact = meeting[k], met.contact[at]
-            contact[0], contact[1], contact[2] = c[B.jx + k], c[B.jy + k], c[B.jz + k]
-            contact[3], contact[4] = -c[B.separation + k], c[B.duration + k]
-            noted += int(contact[3] >= ledger_speed)
-            at += 1
-    met.touching[piece], met.noted[piece] = at - begin, noted
-
-
-@uncounted
-def move_piece(piece, model, numerics, fixed, s, w, scratch, found, now):
-    """Move the particles of a piece: pad, drag, and a look in the next step for those thrown out of a box."""
-    begin, end = piece * PIECE, min((piece + 1) * PIECE, found.listed.size)
-    touch_step, touched, thrown, special = (
-        scratch.touch_step, scratch.touched, scratch.thrown, scratch.special
+    scratch.touch_step[:n] = -1
+    scratch = Scratch(
+        scratch.touched, scratch.touch_step[:n], scratch.thrown, scratch.special[:n], scratch.kept,
+        scratch.position, scratch.velocity,
     )  # fmt: skip
-    step, shear, pad_height, descent = now.step, now.shear, now.pad_height, now.descent
-    touches, highest = begin, 0.0
-    found.status[piece] = DONE
-    for i in range(begin, end):
-        touched[touches] = i
-        touches += int(touch_step[i] == step)
-    met_pad, throws, specials = depart_all(
-        model, fixed, s, w, scratch, begin, touches, shear, pad_height, descent
-    )
-    if now.some_nonlinear:
-        for i in range(begin, end):
-            if w.nonlinear[i] and touch_step[i] != step:
-                keep(s, special, scratch.kept, specials, i)
-                specials += 1
-    last = end if end < found.listed.size else s.x.size
-    met_pad += glide(
-        model, fixed.dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, s.x[begin:last], s.y[begin:last],
-        s.z[begin:last], s.vx[begin:last], s.vy[begin:last], s.vz[begin:last], s.yielding[begin:last],
-        s.under_pad[begin:last], shear, pad_height, descent,
+    progress[:], run[:] = 0.0, 0.0
+    progress[P.time], progress[P.pad_height], progress[P.rows] = block.time, block.pad_height, used
+    run[R.step], run[R.fresh], run[R.mapped] = block.first, 1.0, math.inf
+    run[R.mean_x], run[R.mean_y] = block.mean_x, block.mean_y
+    run[R.top_x], run[R.top_y], run[R.frozen] = block.top_x, block.top_y, 1.0 if block.frozen else 0.0
+    run[R.nonlinear] = gather(f, v, desk.ring, member, block, world)
+    status = march(
+        world.model, world.numerics, world.fixed, progress, world.t_start, block.last, world.largest,
+        block.skin, 0.0, world.periods, f, v, desk.ring, lists, world.ceiling, scratch, desk.meeting,
+        desk.batch, desk.batch.view(np.int64), run, world.heights, rows,
     )  # fmt: skip
-    for k in range(begin, touches):
-        s.under_pad[touched[k]] = s.radius[touched[k]]
-    for k in range(begin, specials):
-        i = special[k]
-        solved = solve_special(
-            model, numerics, fixed, s, scratch, k, i, touch_step[i] != step, pad_height, descent
-        )
-        if solved != DONE:
-            found.status[piece], found.culprit[piece] = solved, i
-    for k in range(begin, throws):
-        i = thrown[k]
-        w.due[i] = step + 1
-        highest = max(highest, speed_apart(s.vx[i], s.vy[i], s.vz[i], now.mean_x, now.mean_y))
-        checked = check_thrown(model, s, i)
-        if found.status[piece] == DONE and checked != DONE:
-            found.status[piece], found.culprit[piece] = checked, i
-    found.met_pad[piece], found.thrown[piece] = met_pad, highest
+    scatter(f, v, found, world.w, member)
+    last = int(progress[P.rows])
+    for row in range(used, last):
+        rows[row, col.I] = member[int(rows[row, col.I])]
+        if rows[row, col.KIND] == col.KIND_PAIR:
+            rows[row, col.J] = member[int(rows[row, col.J])]
+    return int(run[R.step]) - block.first, status, member[int(progress[P.culprit])], last
 
 
-@uncounted
-def work_on_piece(
-    phase, piece, now, lists, met, model, numerics, fixed, periods, skin, heights, above, s, w, scratch,
-    found,
+@inner
+def advance_chunk(
+    chunk, parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights,
+    seen,
 ):  # fmt: skip
-    """Do what a phase does with one piece: of particles, or of pairs."""
-    if phase == SETTLE:
-        settle(s, piece * PIECE, min((piece + 1) * PIECE, found.listed.size), periods)
-    elif phase == LIST:
-        begin, end = piece * PAIRS, min((piece + 1) * PAIRS, lists.wide.shape[0])
-        met.near[piece] = list_narrow_of(s, lists, skin, periods, begin, end)
-    elif phase == WATCH:
-        watch_piece(piece, model, fixed, heights, above, s, w, found, now)
-    elif phase == COLLIDE:
-        collide_piece(piece, model, fixed, s, w, lists, met, now, numerics.ledger_speed)
-    else:
-        move_piece(piece, model, numerics, fixed, s, w, scratch, found, now)
+    """`advance_piece` for the pieces of one chunk."""
+    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen)
+    begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, parts.cuts.size - 1)
+    most, most_pairs = 0, 0
+    for piece in range(begin, end):
+        most = max(most, parts.cuts[piece + 1] - parts.cuts[piece])
+        most_pairs = max(most_pairs, parts.pair_cuts[piece + 1] - parts.pair_cuts[piece])
+    desk = desk_of(most)
+    narrow, facts = np.empty(2 * most_pairs, np.uint32), np.empty(FACTS * most_pairs)
+    used = int(0.0)
+    for piece in range(begin, end):
+        pair = parts.pair[parts.pair_cuts[piece] : parts.pair_cuts[piece + 1]]
+        lists = Lists(pair, narrow[: 2 * pair.shape[0]], facts[: FACTS * pair.shape[0]])
+        member = parts.member[parts.cuts[piece] : parts.cuts[piece + 1]]
+        found.made[piece], found.status[piece], found.culprit[piece], used = advance_piece(
+            desk, lists, member, block, found, found.rows[chunk], used, world
+        )
+    found.used[chunk] = used
 
 
 @threaded
 def share_out(
-    phase, pieces, now, lists, met, model, numerics, fixed, periods, skin, heights, above, s, w, scratch,
-    found,
+    parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen
 ):  # fmt: skip
-    """`work_on_piece` for all pieces; one loop for all phases, for each such loop takes long to compile."""
-    for piece in numba.prange(pieces):
-        work_on_piece(
-            phase, np.int64(piece), now, lists, met, model, numerics, fixed, periods, skin, heights, above,
-            s, w, scratch, found,
+    """`advance_chunk` for all chunks; a threaded loop is not given tuples of tuples, like a world."""
+    for chunk in numba.prange(found.used.size):
+        advance_chunk(
+            np.int64(chunk), parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w,
+            ceiling, heights, seen,
         )  # fmt: skip
+
+
+@inner
+def found_of(state, met_surface, parts):
+    """Room for what the pieces of `parts` lead to, which goes to `state` and `met_surface`.
+
+    A chunk has room for the contacts of two steps at least, all that there can be; memory that is not used is
+    not taken.
+    """
+    pieces = parts.cuts.size - 1
+    chunks = (pieces + CHUNK - 1) // CHUNK
+    most = 0
+    for chunk in range(chunks):
+        begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, pieces)
+        particles = parts.cuts[end] - parts.cuts[begin]
+        most = max(most, 2 * particles + parts.pair_cuts[end] - parts.pair_cuts[begin])
+    return Found(
+        state, met_surface, np.zeros(pieces, np.int64), np.zeros(pieces, np.int64),
+        np.zeros(pieces, np.int64), np.empty((chunks, 2 * most, WIDTH)), np.zeros(chunks, np.int64),
+    )  # fmt: skip

@@ -42,7 +42,13 @@ class Swarm(NamedTuple):
     jy: np.ndarray
     jz: np.ndarray
     gained: np.ndarray  # mass picked up, kg
+    contacts: np.ndarray  # how many there were; those of pairs with the first of them
+    longest: np.ndarray  # duration of any of them, s
+    met_surface: np.ndarray  # 1 where it has touched the surface
     flat: np.ndarray  # all of these, one behind the other
+
+
+COMPONENTS = len(Swarm._fields) - 1
 
 
 class Scratch(NamedTuple):
@@ -57,6 +63,7 @@ class Scratch(NamedTuple):
     velocity: np.ndarray  # (3,)
 
 
+@inner
 def scratch_of(n):
     """Scratch for n particles, none of them in contact."""
     return Scratch(
@@ -74,8 +81,8 @@ def views(flat, row, size):
         flat[6 * row : 6 * row + size], flat[7 * row : 7 * row + size], flat[8 * row : 8 * row + size],
         flat[9 * row : 9 * row + size], flat[10 * row : 10 * row + size], flat[11 * row : 11 * row + size],
         flat[12 * row : 12 * row + size], flat[13 * row : 13 * row + size], flat[14 * row : 14 * row + size],
-        flat[15 * row : 15 * row + size], flat[16 * row : 16 * row + size],
-        flat,
+        flat[15 * row : 15 * row + size], flat[16 * row : 16 * row + size], flat[17 * row : 17 * row + size],
+        flat[18 * row : 18 * row + size], flat[19 * row : 19 * row + size], flat,
     )  # fmt: skip
 
 
@@ -83,7 +90,7 @@ def swarm_of(model, dt, p, order):
     """The Particles `p` as a swarm that is moved in steps of `dt`; its particle i is the one order[i]."""
     padded = PADDING * ((len(order) + PADDING - 1) // PADDING)
     row = max(ROW, padded)
-    return filled(model, dt, p, order, np.zeros((len(Swarm._fields) - 1) * row), row, padded)
+    return filled(model, dt, p, order, np.zeros(COMPONENTS * row), row, padded)
 
 
 @kernel

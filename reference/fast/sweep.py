@@ -39,22 +39,21 @@ def fast_on_pad(z, vz, radius, pad_height, descent, speed):
 
 
 @part
-def glide_under_pad(z, vz, under_pad, yielding, flow, dt, pad_height, descent, restitution):
-    """Velocity and position along z after a step under the pad; return how many particles meet the pad.
+def glide_under_pad(z, vz, under_pad, contacts, yielding, flow, dt, pad_height, descent, restitution):
+    """Velocity and position along z after a step under the pad; `contacts` counts who meets it.
 
     J = (1 + e_pad) m (v_z + V_z) downwards makes v_z to -e_pad v_z - (1 + e_pad) V_z: see `collide_pad`.
     Particles that other contacts have changed already are left out by `under_pad`, which else is the radius.
     """
-    hits, leaving = 0, -(1.0 + restitution) * descent
+    leaving = -(1.0 + restitution) * descent
     for i in range(z.size):
         v = vz[i]
         meets = (z[i] + under_pad[i] > pad_height) & (v + descent > 0.0)
         v = leaving - restitution * v if meets else v
-        hits += 1 if meets else 0
+        contacts[i] += 1.0 if meets else 0.0
         v += yielding[i] * (flow - v)
         vz[i] = v
         z[i] += dt * v
-    return hits
 
 
 @part
@@ -96,13 +95,13 @@ def wrap_upright(z, period):
 
 @part
 def glide(
-    model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, yielding, under_pad, shear, pad_height, descent
+    model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, yielding, under_pad, contacts, shear, pad_height,
+    descent,
 ):  # fmt: skip
-    """Drag, pad and motion in one step of dt; return how many meet the pad."""
-    hits = 0
+    """Drag, pad and motion in one step of dt; `contacts` counts who meets the pad."""
     if model.has_pad:
-        hits = glide_under_pad(
-            z, vz, under_pad, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
+        glide_under_pad(
+            z, vz, under_pad, contacts, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
         )
     else:
         glide_upright(z, vz, yielding, flow_z, dt)
@@ -113,4 +112,3 @@ def glide(
     glide_along(y, vy, yielding, flow_y, dt)
     if model.length_z > 0.0:
         wrap_upright(z, model.length_z)
-    return hits

@@ -16,10 +16,6 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from reference.compiled import inlined
-
-PIECE = 512  # particles
-PAIRS = 2048  # pairs
 ENOUGH = 25_000  # particles for each thread: two gain nothing over one with 1e4, much with 1e5
 
 # The body of such a loop is one call: what it assigned by itself to an array of a named tuple
@@ -55,12 +51,6 @@ def as_many_as_help(particles: int) -> Iterator[None]:
         yield
     finally:
         numba.set_num_threads(before)
-
-
-@inlined
-def pieces_of(count, size):
-    """How many pieces of `size` make up `count`."""
-    return (count + size - 1) // size
 
 
 if numba.config.DISABLE_JIT:

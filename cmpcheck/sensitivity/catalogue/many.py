@@ -14,35 +14,37 @@ FAST = "reference/fast"
 
 ERRORS = (
     Mutant(
-        "many: second of a pair", "the second particle of a pair receives another impulse than the first",
-        f"{FAST}/many.py:push_pairs", "s.jz[j] -= contact[2]", "s.jz[j] -= (1.0 + SIZE) * contact[2]",
-        0.01, "%",
+        "many: who meets in the surface", "who touches where the surface falls is not told of it",
+        f"{FAST}/harvest.py:spread_removals", "again[mover] |= unite(parent, mover, i)",
+        "again[mover] |= False",
     ),
     Mutant(
-        "many: piece of pairs", "the pairs of the last piece push nobody", f"{FAST}/many.py:push_pairs",
-        "for piece in range(met.near.size):", "for piece in range(met.near.size - 1):",
+        "many: the surface as before", "what falls in a second try falls once more in the third",
+        f"{FAST}/many.py:try_block", "again[i] = wanted[parent[i]]", "again[i] = False",
     ),
     Mutant(
-        "many: piece of particles", "the surface pushes nobody of the last piece",
-        f"{FAST}/many.py:march_many",
-        "for piece in range(found.hits.size):", "for piece in range(found.hits.size - 1):",
+        "many: rows that count", "the ledger rows of a first try stay", f"{FAST}/harvest.py:counts",
+        "harvest.run[k] == harvest.latest", "harvest.run[k] <= harvest.latest",
     ),
     Mutant(
-        "many: late look", "a particle is looked at one step after its time",
-        f"{FAST}/pieces.py:watch_piece", "due[i] <= step", "due[i] < step",
+        "many: late look", "a particle is looked at one step after its time, at the beginning of a block",
+        f"{FAST}/pieces.py:gather", "due = w.due[i]", "due = w.due[i] + 1",
     ),
     Mutant(
-        "many: no look when thrown", "one that a contact throws out of its bounds is not looked at again",
-        f"{FAST}/pieces.py:move_piece", "w.due[i] = step + 1", "w.due[i] = w.due[i]",
+        "many: the surface as it was", "what has fallen in earlier blocks stands again where a try is undone",
+        f"{FAST}/many.py:march_many", "harvest, 0, everyone)", "harvest, steps, everyone)",
     ),
     Mutant(
-        "many: late list", "the list of pairs is kept for longer than it holds",
-        f"{FAST}/many.py:march_many",
-        "left -= 2.0 * dt * speed", "left -= (1.0 - SIZE) * 2.0 * dt * speed", 1.0, "% of the way",
+        "many: pairs", "the last pairs of the list are left out", f"{FAST}/many.py:march_many",
+        "pairs if model.has_pairs", "pairs[: pairs.shape[0] - 9] if model.has_pairs",
+    ),
+    Mutant(
+        "many: mass of a particle", "what a particle has picked up is lost at the end of a block",
+        f"{FAST}/many.py:commit", "s.mass[i] = state[i, 6]", "s.mass[i] = s.mass[i]",
     ),
     Mutant(
         "many: ledger of a pair", "who is the first of a pair goes by places in memory",
-        f"{FAST}/many.py:push_pairs", "if order[i] > order[j]:", "if i > j:",
+        f"{FAST}/groups.py:pairs_of", "if order[i] > order[j]:", "if i > j:",
     ),
     Mutant(
         "many: particle of a row", "a ledger row names the place in memory, not the particle",
