@@ -256,7 +256,8 @@ from cmpcheck.components.steppers import shortened, with_stepper
 from reference.simulation import simulate_setup
 reference.fast.few.REMAP = reference.fast.many.REMAP = 20  # steps, after which the surface is mapped anew
 reference.fast.stepper.MANY = int(sys.argv[1])  # particles, from which on the loop for many moves them
-reference.fast.many.MANY = int(sys.argv[2])  # particles of a group, at most
+reference.fast.many.GROUP = int(sys.argv[2])  # particles of a group, at most
+reference.fast.groups.PIECE, reference.fast.pieces.CHUNK = 8, 1  # several pieces and chunks
 run = simulate_setup(with_stepper(shortened(polish(HELD), 60), "fast"))
 print(json.dumps([run.positions.tolist(), len(run.contacts)]))
 """

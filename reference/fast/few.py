@@ -1,4 +1,4 @@
-"""The fast stepper's loop for few particles: the same contacts, impulses and removal as `timestep.advance`.
+"""The fast stepper's loop for few particles, and for a piece of many: what `timestep.advance` does.
 
 What is done for one particle is `particle.py`, for a batch of pairs `pairs.py`; here are who comes when, and
 the order in which it is added up.  Books are kept of contacts and removal; those of the fluid and of energy
@@ -45,7 +45,6 @@ from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
 
 RELIST = -1  # status: pairs may have come nearer than the list of them allows
-LOWERED = -2  # status: the highest node of the surface has fallen, which others have to know
 
 
 class Run(NamedTuple):
@@ -64,8 +63,9 @@ class Run(NamedTuple):
     gone: int = 10  # how far a particle may have gone since positions were wrapped, m
     top_x: int = 11  # the highest node
     top_y: int = 12
-    alone: int = 13  # 1 where there are no other particles than those given
-    frozen: int = 14  # 1 where the surface is left as it is
+    highest: int = 13  # its height, m
+    alone: int = 14  # 1 where there are no other particles than those given
+    frozen: int = 15  # 1 where the surface is left as it is
 
 
 R = Run()
@@ -87,7 +87,9 @@ def march_few(
     for i in range(n):
         insert(w.due, ring, i, 0)
     run[R.alone], run[R.fresh], run[R.spent] = 1.0, 1.0, math.inf
-    run[R.top_x], run[R.top_y] = highest_node(heights)
+    top_x, top_y = highest_node(heights)
+    run[R.top_x], run[R.top_y] = top_x, top_y
+    run[R.highest] = heights[top_x, top_y] if model.has_surface else 0.0
     skin = NARROW * largest
     room = WIDE * largest - skin
     status = RELIST
@@ -130,12 +132,12 @@ def march(
         scratch.touched, scratch.touch_step, scratch.thrown, scratch.special
     )  # fmt: skip
     top_x, top_y, alone = int(run[R.top_x]), int(run[R.top_y]), run[R.alone] > 0.0
-    highest = heights[top_x, top_y] if model.has_surface else 0.0
+    highest = run[R.highest]
     left, spent, speed = run[R.left], run[R.spent], run[R.speed]
     mean_x, mean_y, near = run[R.mean_x], run[R.mean_y], int(run[R.near])
     some_nonlinear, fresh, gone = int(run[R.nonlinear]), run[R.fresh] > 0.0, run[R.gone]
     drift = math.hypot(mean_x, mean_y)
-    bounded = model.has_pairs and (n > 1 or not alone)
+    bounded = not alone or (model.has_pairs and n > 1)
     quarter = 0.5 * min(fixed.half_x, fixed.half_y)
     mapped = run[R.mapped]
     pad_height = progress[P.pad_height]
@@ -274,12 +276,9 @@ def march(
             break
         if struck > begin and run[R.frozen] == 0.0:
             removed = take_off(model, heights, progress, rows, begin, struck, largest, w.changed, step)
-            if removed and heights[top_x, top_y] < highest:
-                if alone:
-                    top_x, top_y = highest_node(heights)
-                    highest = heights[top_x, top_y]
-                else:
-                    status = LOWERED
+            if removed and alone and heights[top_x, top_y] < highest:
+                top_x, top_y = highest_node(heights)
+                highest = heights[top_x, top_y]
         step += 1
         progress[P.time] = t_start + step * dt
         if model.has_pad:
@@ -287,7 +286,7 @@ def march(
     run[R.step], run[R.left], run[R.spent], run[R.speed] = step, left, spent, speed
     run[R.near], run[R.nonlinear] = near, some_nonlinear
     run[R.fresh], run[R.mapped], run[R.gone] = 1.0 if fresh else 0.0, mapped, gone
-    run[R.top_x], run[R.top_y] = top_x, top_y
+    run[R.top_x], run[R.top_y], run[R.highest] = top_x, top_y, highest
     progress[P.rows] = row
     progress[P.steps] += step - begin_step
     progress[P.pad_height] = pad_height

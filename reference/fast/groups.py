@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import inner, part
+from reference.fast.swarm import MANY
 from reference.timestep import wrap
 
 PIECE = 256  # particles, from which on a piece is large enough: what is known of them fits a core's own cache
+GROUP = MANY - PIECE  # particles of a group, at most: a piece to which it is added has room for them
 
 
 class Parts(NamedTuple):

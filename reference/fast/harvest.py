@@ -106,6 +106,18 @@ def copy_nodes(source, target, spacing, harvest, first_run, again):
 
 
 @inner
+def steps_until_lowered(harvest, i_node, j_node, shape, spacing, t_start, dt, first, steps):
+    """After how many of a block's steps someone first takes something off next to a node; or `steps`."""
+    for k in range(harvest.used[0]):
+        out = harvest.rows[k]
+        if out[col.REMOVED_VOLUME] > 0.0 and counts(harvest, k):
+            i, j = math.floor(out[col.X] / spacing), math.floor(out[col.Y] / spacing)
+            if (i_node - i) % shape[0] <= 1 and (j_node - j) % shape[1] <= 1:
+                steps = min(steps, place_of(out, t_start, dt, first) // 3 + 1)
+    return steps
+
+
+@inner
 def mark_removers(harvest, again):
     """Mark the particles that take something off the surface."""
     for k in range(harvest.used[0]):
@@ -115,18 +127,18 @@ def mark_removers(harvest, again):
 
 @inner
 def spread_removals(
-    harvest, run, bins, s, met_surface, length_x, length_y, close, within, parent, known, again
+    harvest, bins, s, met_surface, length_x, length_y, close, within, parent, known, again
 ):  # fmt: skip
-    """Have those around the removals of `run` know of them, as far as these matter to them.
+    """Have those around the removals know of them, as far as these matter to them.
 
     Who is `close` (m) and has met the surface, or is `within` (m, more) and moved while it falls, becomes one
-    group with the particle that removes, which is marked in `again`.  For others the surface can only be
-    farther away than it was: those `within` forget which triangles are close by.
+    group with the particle that removes, which is marked in `again`.  From others the surface can only be
+    farther away than it was, but another triangle may be the closest: those `within` forget which are close.
     """
     across, along = bins.first.shape
     for k in range(harvest.used[0]):
         out = harvest.rows[k]
-        if out[col.REMOVED_VOLUME] <= 0.0 or harvest.run[k] != run or not counts(harvest, k):
+        if out[col.REMOVED_VOLUME] <= 0.0 or not counts(harvest, k):
             continue
         x, y, mover = out[col.X], out[col.Y], int(out[col.I])
         a, b = bin_of(x, length_x, across), bin_of(y, length_y, along)

@@ -75,6 +75,7 @@ class Fixed(NamedTuple):
     around: float  # m, within which a particle may move for the map of the surface's maxima to hold
 
 
+@part
 def fastest_flow(model):
     """The largest speed of the fluid, m/s."""
     return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))

@@ -16,7 +16,7 @@ from reference import ledger as col
 from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_removals, take_off, told_of
-from reference.fast.groups import bins_of, group_pairs, largest_group, part_out
+from reference.fast.groups import GROUP, bins_of, group_pairs, largest_group, part_out
 from reference.fast.harvest import (
     bring_in,
     copy_nodes,
@@ -24,12 +24,12 @@ from reference.fast.harvest import (
     mark_removers,
     row_begins,
     spread_removals,
+    steps_until_lowered,
     store,
 )
-from reference.fast.known import pace_of
+from reference.fast.known import fastest_flow, pace_of
 from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
 from reference.fast.pieces import STATE, Block, World, found_of, share_out
-from reference.fast.swarm import MANY
 from reference.fast.sweep import highest_of
 from reference.fast.watch import AHEAD
 from reference.pad import lowered_pad, lowest_pad_height
@@ -69,13 +69,6 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
     model, fixed, s, steps = world.model, world.fixed, world.s, block.last - block.first
     n, drift = parent.size, math.hypot(block.mean_x, block.mean_y)
     again, wanted, harvest = np.zeros(n, np.bool_), np.ones(n, np.bool_), harvest_of(n)
-    # not farther from a contact, when the block begins, are those that may touch a triangle which it lowers,
-    # two diagonals of a square away; and those that look at one, or are told of it
-    way = 0.5 * block.skin + steps * fixed.dt * drift
-    close = 0.5 * world.largest + 3.0 * model.spacing + way
-    told = 1.5 * model.spacing * (told_of(model, world.largest) + 1)
-    within = max(close + fixed.way * (speed + drift), told + way)
-    bins = bins_of(s, 0, within, within, within)
     run = 0
     while True:
         parts = part_out(parent, wanted, order, narrow, near)
@@ -92,15 +85,29 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
         if fewer == steps and steps > 1 and model.has_surface:
             if run == 0:
                 mark_removers(harvest, again)
-                if again.any():
-                    bins = bins_of(s, n, within, model.length_x, model.length_y)
-            spread_removals(
-                harvest, run, bins, s, met_surface, model.length_x, model.length_y, close, within,
-                parent, world.w.known, again,
-            )  # fmt: skip
+            # not farther from a contact, when the block begins, are those that may touch a triangle which it
+            # lowers, two diagonals of a square away; and those that look at one, squares around, or are told
+            way = 0.5 * block.skin + steps * fixed.dt * drift
+            close = 0.5 * world.largest + 3.0 * model.spacing + way
+            speed = max(speed, highest_of(world.w.pace))
+            ahead = fixed.way * (speed + drift + fastest_flow(model) + model.pad_descent)
+            told = max(world.largest + 2.0 * ahead, model.spacing * told_of(model, world.largest))
+            within = way + 3.0 * model.spacing + 1.5 * told
+            if run > 0 or again.any():
+                spread_removals(
+                    harvest, bins_of(s, n, within, model.length_x, model.length_y), s, met_surface,
+                    model.length_x, model.length_y, close, within, parent, world.w.known, again,
+                )  # fmt: skip
         if fewer == steps and not again.any():
-            return steps, harvest, DONE, 0
-        if fewer == steps and largest_group(parent) > MANY:
+            if run > 0 and model.has_pad and world.heights[block.top_x, block.top_y] < block.highest:
+                fewer = steps_until_lowered(
+                    harvest, block.top_x, block.top_y, world.heights.shape, model.spacing, world.t_start,
+                    fixed.dt, block.first, steps,
+                )  # fmt: skip
+            if fewer == steps:
+                return steps, harvest, DONE, 0
+            worst = 0
+        elif fewer == steps and largest_group(parent) > GROUP:
             fewer, worst = steps // 2, 0
         if fewer < steps:
             again[:] = True
@@ -115,7 +122,7 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
         run += 1
         block = Block(
             block.first, block.last, block.time, block.pad_height, block.mean_x, block.mean_y, block.top_x,
-            block.top_y, block.skin, False, True,
+            block.top_y, block.highest, block.skin, False, True,
         )  # fmt: skip
 
 
@@ -171,17 +178,19 @@ def march_many(
             mean_x, mean_y = mean(s.vx, n), mean(s.vy, n)
             for i in range(n):
                 w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
-            spent, pairs = 0.0, list_wide(s, largest, periods, origin)
+            spent, skin, pairs = 0.0, SKIN * largest, list_wide(s, largest, periods, origin)
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             seen[:], mapped = heights, step
         speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
         near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
-        while group_pairs(parent, lists.narrow, near) > MANY and skin > THIN * largest:
+        grouped = group_pairs(parent, lists.narrow, near) <= GROUP
+        while not grouped and skin > THIN * largest:
             skin *= 0.5
             near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
-        if skin <= THIN * largest:
+            grouped = group_pairs(parent, lists.narrow, near) <= GROUP
+        if not grouped:
             status = CROWDED
             break
         steps = min(last_step - step, AHEAD)
@@ -197,7 +206,7 @@ def march_many(
             if anew:
                 group_pairs(parent, lists.narrow, near)
             block = Block(
-                step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, skin, True, anew
+                step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, highest, skin, True, anew
             )
             fewer, harvest, failed, culprit = try_block(
                 world, block, parent, order, lists.narrow, near, speed, state, met_surface

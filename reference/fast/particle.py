@@ -1,7 +1,6 @@
 """What is done for one particle in a step of the fast stepper.
 
-Which particles come when, and in which order what they do to each other is added up, is decided in `few.py`
-and `many.py`.
+Which particles come when, and in which order what they do to each other is added up, is decided in `few.py`.
 """
 
 from __future__ import annotations

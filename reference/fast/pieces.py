@@ -52,6 +52,7 @@ class Block(NamedTuple):
     mean_y: float
     top_x: int  # the highest node of the surface
     top_y: int
+    highest: float  # its height, m
     skin: float  # m, within which all pairs are known
     frozen: bool  # whether the surface is left as it is
     anew: bool  # whether nothing is known of the particles
@@ -173,7 +174,8 @@ def advance_piece(desk, lists, member, block, found, rows, used, world):
     progress[P.time], progress[P.pad_height], progress[P.rows] = block.time, block.pad_height, used
     run[R.step], run[R.fresh], run[R.mapped] = block.first, 1.0, math.inf
     run[R.mean_x], run[R.mean_y] = block.mean_x, block.mean_y
-    run[R.top_x], run[R.top_y], run[R.frozen] = block.top_x, block.top_y, 1.0 if block.frozen else 0.0
+    run[R.top_x], run[R.top_y], run[R.highest] = block.top_x, block.top_y, block.highest
+    run[R.frozen] = 1.0 if block.frozen else 0.0
     run[R.nonlinear] = gather(f, v, desk.ring, member, block, world)
     status = march(
         world.model, world.numerics, world.fixed, progress, world.t_start, block.last, world.largest,

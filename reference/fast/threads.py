@@ -1,6 +1,6 @@
 """How the loops over many particles are shared out among threads, and memory asked for ahead of its use.
 
-The pieces of a loop are the same however many threads take them, and what they find is put together in
+The chunks of a loop are the same however many threads take them, and what they find is put together in
 their order: the result does not depend on the number of threads.  No physics here.
 """
 
