@@ -91,8 +91,8 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
             close = 0.5 * world.largest + 3.0 * model.spacing + way
             speed = max(speed, highest_of(world.w.pace))
             ahead = fixed.way * (speed + drift + fastest_flow(model) + model.pad_descent)
-            told = max(world.largest + 2.0 * ahead, model.spacing * told_of(model, world.largest))
-            within = way + 3.0 * model.spacing + 1.5 * told
+            look = 1.5 * (0.5 * world.largest + ahead) + 3.0 * model.spacing
+            within = way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
             if run > 0 or again.any():
                 spread_removals(
                     harvest, bins_of(s, n, within, model.length_x, model.length_y), s, met_surface,
