@@ -108,6 +108,14 @@ def mark(changed, spacing, x, y, reach, step):
 
 
 @inner
+def book_contacts(progress, contacts, longest, dt):
+    """Add contacts, of which the `longest` took so many seconds, to the sums of the run."""
+    progress[P.contacts] += contacts
+    if longest > 0.0:  # then steps have been made, and dt is not 0
+        progress[P.largest_ratio] = max(progress[P.largest_ratio], longest / dt)
+
+
+@inner
 def book_removals(progress, rows, first, last):
     """Add the removals of ledger rows first ... last - 1 to the sums of the run, compensated (Kahan).
 

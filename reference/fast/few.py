@@ -14,7 +14,7 @@ import numpy as np
 
 from reference.compiled import kernel, uncounted
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
-from reference.fast.events import record_pad, record_pair, take_off
+from reference.fast.events import book_contacts, record_pad, record_pair, take_off
 from reference.fast.known import box_holds, pace_of, renew
 from reference.fast.near import (
     NARROW,
@@ -80,7 +80,7 @@ def march_few(
 
     The same arguments as those of `many.march_many`; particles stand in the order of everyone else.
     """
-    n, dt = order.size, fixed.dt
+    n = order.size
     ring, origin = ring_of(n), Origin(np.empty(n), np.empty(n), np.empty(n))
     scratch, meeting, c, run = scratch_of(n), np.empty(LANES, np.uint32), batch(), np.zeros(len(R))
     lists = lists_of(np.empty((0, 2), np.int64))
@@ -107,9 +107,7 @@ def march_few(
             model, numerics, fixed, progress, t_start, last_step, largest, skin, room, periods, s, w, ring,
             lists, ceiling, scratch, meeting, c, c.view(np.int64), run, heights, rows,
         )  # fmt: skip
-    for i in range(n):
-        progress[P.contacts] += s.contacts[i]
-        progress[P.largest_ratio] = max(progress[P.largest_ratio], s.longest[i] / dt)
+    book_contacts(progress, s.contacts.sum(), highest_of(s.longest), fixed.dt)
     return status
 
 

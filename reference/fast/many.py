@@ -15,7 +15,7 @@ import numpy as np
 from reference import ledger as col
 from reference.compiled import inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
-from reference.fast.events import book_removals, take_off, told_of
+from reference.fast.events import book_contacts, book_removals, take_off, told_of
 from reference.fast.groups import GROUP, bins_of, group_pairs, largest_group, part_out
 from reference.fast.harvest import (
     bring_in,
@@ -136,8 +136,7 @@ def commit(s, state, progress, dt):
         s.mass[i] = state[i, 6]
         contacts += state[i, 7]
         longest = max(longest, state[i, 8])
-    progress[P.contacts] += contacts
-    progress[P.largest_ratio] = max(progress[P.largest_ratio], longest / dt)
+    book_contacts(progress, contacts, longest, dt)
 
 
 @inner
