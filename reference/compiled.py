@@ -55,12 +55,17 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 kernel = numba.njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)
 # What compiled code alone calls: Numba makes no ways in from Python and C, a fifth of its work, and for
 # Python these functions are Python.  A `part` of a loop LLVM puts in place, since a call would copy the
-# model's constants each time.  No array is made in what is `uncounted`, so that no references to those it is
-# given need be counted.
+# model's constants each time.
 formula = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
 inner = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=False)
 part = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=True)
-uncounted = register_jitable(error_model="numpy", no_cfunc_wrapper=True, forceinline=False, _nrt=False)
+# Large loops of kernels of different kinds, threaded or not: compiled once, which the above are for each
+# kind.  Python has no way in and must not call them.  No array is made in what is `uncounted`, so that no
+# references to those it is given need be counted.
+shared = numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+uncounted = numba.njit(
+    error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=False
+)
 # a part that Numba puts in place: takes longer to compile, and is a few percent faster
 inlined = numba.njit(error_model="numpy", nogil=True, inline="always", no_cfunc_wrapper=True)
 # without the JIT a formula is plain Python, which numba.vectorize cannot compile

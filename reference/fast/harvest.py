@@ -36,6 +36,17 @@ def harvest_of(n):
 
 
 @inner
+def copy_rows(source, target, begin, at, count):
+    """Copy rows begin ... begin + count - 1 of `source` (..., columns) to `target`, from `at` on.
+
+    Assigned to each other, Numba would compile for seconds what it says where shapes differ.
+    """
+    for k in range(count):
+        for column in range(source.shape[1]):
+            target[at + k, column] = source[begin + k, column]
+
+
+@inner
 def bring_in(harvest, found, run):
     """The harvest with the rows of all chunks of a run."""
     used = harvest.used[0]
@@ -43,11 +54,14 @@ def bring_in(harvest, found, run):
     if total > harvest.run.size:
         room = 2 * total
         wider = Harvest(np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.latest)
-        wider.rows[:used], wider.run[:used] = harvest.rows[:used], harvest.run[:used]
+        copy_rows(harvest.rows, wider.rows, 0, 0, used)
+        for k in range(used):
+            wider.run[k] = harvest.run[k]
         harvest = wider
     for chunk in range(found.used.size):
-        for k in range(found.used[chunk]):
-            harvest.rows[used], harvest.run[used] = found.rows[chunk, k], run
+        copy_rows(found.rows[chunk], harvest.rows, 0, used, found.used[chunk])
+        for _ in range(found.used[chunk]):
+            harvest.run[used] = run
             used += 1
     harvest.used[0] = used
     return harvest
@@ -86,7 +100,7 @@ def store(harvest, begins, t_start, dt, first, rows, row):
     for k in range(harvest.used[0]):
         if counts(harvest, k):
             place = place_of(harvest.rows[k], t_start, dt, first)
-            rows[row + at[place]] = harvest.rows[k]
+            copy_rows(harvest.rows, rows, k, row + at[place], 1)
             at[place] += 1
 
 

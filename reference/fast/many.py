@@ -13,13 +13,14 @@ import math
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import inner, kernel
+from reference.compiled import inlined, inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_contacts, book_removals, take_off, told_of
 from reference.fast.groups import GROUP, bins_of, group_pairs, largest_group, part_out
 from reference.fast.harvest import (
     bring_in,
     copy_nodes,
+    copy_rows,
     harvest_of,
     mark_removers,
     row_begins,
@@ -60,7 +61,7 @@ def fewest(found, steps):
     return made, worst
 
 
-@inner
+@inlined
 def try_block(world, block, parent, order, narrow, near, speed, state, met_surface):
     """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
 
@@ -157,7 +158,7 @@ def march_many(
     """
     n, dt = order.size, fixed.dt
     seen = ceiling.across  # memory that is of use only while the map is made
-    seen[:] = heights
+    copy_rows(heights, seen, 0, 0, heights.shape[0])
     world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen)
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
@@ -181,7 +182,8 @@ def march_many(
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
-            seen[:], mapped = heights, step
+            copy_rows(heights, seen, 0, 0, heights.shape[0])
+            mapped = step
         speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
         near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
         grouped = group_pairs(parent, lists.narrow, near) <= GROUP

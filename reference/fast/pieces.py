@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from reference import ledger as col
-from reference.compiled import inner
+from reference.compiled import inlined, inner, shared
 from reference.fast.ceiling import Ceiling
 from reference.fast.few import R, march
 from reference.fast.harvest import WIDTH
@@ -156,7 +156,7 @@ def scatter(f, v, found, w, member):
             w.close[3 * MOST_CLOSE * i + at] = v.close[3 * MOST_CLOSE * k + at]
 
 
-@inner
+@inlined
 def advance_piece(desk, lists, member, block, found, rows, used, world):
     """Make the steps of a block with one piece: (steps made, status, particle it is about, rows in use)."""
     n, v, progress, run, scratch = member.size, desk.watch, desk.progress, desk.run, desk.scratch
@@ -191,7 +191,7 @@ def advance_piece(desk, lists, member, block, found, rows, used, world):
     return int(run[R.step]) - block.first, status, member[int(progress[P.culprit])], last
 
 
-@inner
+@shared
 def advance_chunk(
     chunk, parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights,
     seen,
