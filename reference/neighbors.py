@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from reference.compiled import formula, kernel
+from reference.compiled import formula, kernel, part
 
 
 @formula
@@ -18,6 +18,39 @@ def minimum_image(distance, period):
     if period > 0.0:
         return distance - period * math.floor(distance / period + 0.5)
     return distance
+
+
+@formula
+def half_period(length):
+    """Half of a period, m; infinite where there is none."""
+    return 0.5 * length if length > 0.0 else math.inf
+
+
+@part
+def shift_to_image(distance, period, half):
+    """What a difference of two wrapped positions lacks of that to the nearest image, m.
+
+    `half` is half of the period, or infinite.
+    """
+    if distance > half:
+        return -period
+    if distance < -half:
+        return period
+    return 0.0
+
+
+@part
+def nearest_image(distance, period, half):
+    """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
+    return distance + shift_to_image(distance, period, half)
+
+
+@part
+def _neighboring(index, count):
+    """Number of a cell of `count`, of an index that is outside of them by one at most."""
+    if index < 0:
+        return index + count
+    return index - count if index >= count else index
 
 
 @kernel
@@ -55,6 +88,7 @@ def _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pair
     found = 0
     index = np.empty(3, np.int64)
     reach = np.empty(3, np.int64)
+    half_x, half_y, half_z = half_period(periods[0]), half_period(periods[1]), half_period(periods[2])
     for axis in range(3):
         reach[axis] = 0 if counts[axis] == 1 else 1
     for i in range(position.shape[0]):
@@ -65,18 +99,19 @@ def _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pair
             for b in range(index[1] - reach[1], index[1] + reach[1] + 1):
                 if periods[1] == 0.0 and (b < 0 or b >= counts[1]):
                     continue
+                row = (_neighboring(a, counts[0]) * counts[1] + _neighboring(b, counts[1])) * counts[2]
                 for c in range(index[2] - reach[2], index[2] + reach[2] + 1):
                     if periods[2] == 0.0 and (c < 0 or c >= counts[2]):
                         continue
-                    k = ((a % counts[0]) * counts[1] + b % counts[1]) * counts[2] + c % counts[2]
+                    k = row + _neighboring(c, counts[2])
                     for slot in range(first[k], first[k + 1]):
                         j = order[slot]
                         if j <= i:
                             continue
-                        square = 0.0
-                        for axis in range(3):
-                            d = minimum_image(position[j, axis] - position[i, axis], periods[axis])
-                            square += d * d
+                        dx = nearest_image(position[j, 0] - position[i, 0], periods[0], half_x)
+                        dy = nearest_image(position[j, 1] - position[i, 1], periods[1], half_y)
+                        dz = nearest_image(position[j, 2] - position[i, 2], periods[2], half_z)
+                        square = dx * dx + dy * dy + dz * dz
                         if square < cutoff * cutoff:
                             if found < pairs.shape[0]:
                                 pairs[found, 0] = i

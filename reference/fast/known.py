@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import part
-from reference.fast.near import fastest, half_period
+from reference.fast.near import fastest
 from reference.fast.watch import AHEAD, HORIZON, MARGIN, MOST_CLOSE, SAFETY, velocity_box
+from reference.neighbors import half_period
 from reference.state import DEPOSIT_NONE, FLOW_COUETTE
 
 

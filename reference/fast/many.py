@@ -16,7 +16,7 @@ from reference import ledger as col
 from reference.compiled import inlined, inner, kernel
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_contacts, book_removals, take_off, told_of
-from reference.fast.groups import GROUP, bins_of, group_pairs, largest_group, part_out
+from reference.fast.groups import GROUP, Bins, bins_of, group_pairs, largest_group, part_out
 from reference.fast.harvest import (
     bring_in,
     copy_nodes,
@@ -61,6 +61,22 @@ def fewest(found, steps):
     return made, worst
 
 
+@inner
+def reaches(world, block, speed, drift):
+    """How far from a removal it may matter, m: to who has met the surface; to who is moved while it falls.
+
+    Counted from where all are when the block begins; none moves faster than `speed` and `drift` (m/s).
+    """
+    model, fixed = world.model, world.fixed
+    way = 0.5 * block.skin + (block.last - block.first) * fixed.dt * drift
+    # who may touch a triangle which it lowers, two diagonals of a square away
+    close = 0.5 * world.largest + 3.0 * model.spacing + way
+    # who looks at one, squares around, or is told
+    ahead = fixed.way * (speed + drift + fastest_flow(model) + model.pad_descent)
+    look = 1.5 * (0.5 * world.largest + ahead) + 3.0 * model.spacing
+    return close, way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
+
+
 @inlined
 def try_block(world, block, parent, order, narrow, near, speed, state, met_surface):
     """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
@@ -70,7 +86,7 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
     model, fixed, s, steps = world.model, world.fixed, world.s, block.last - block.first
     n, drift = parent.size, math.hypot(block.mean_x, block.mean_y)
     again, wanted, harvest = np.zeros(n, np.bool_), np.ones(n, np.bool_), harvest_of(n)
-    run = 0
+    bins, width, run = Bins(np.empty((0, 0), np.int32), np.empty(0, np.int32)), 0.0, 0
     while True:
         parts = part_out(parent, wanted, order, narrow, near)
         found = found_of(state, met_surface, parts)
@@ -86,18 +102,15 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
         if fewer == steps and steps > 1 and model.has_surface:
             if run == 0:
                 mark_removers(harvest, again)
-            # not farther from a contact, when the block begins, are those that may touch a triangle which it
-            # lowers, two diagonals of a square away; and those that look at one, squares around, or are told
-            way = 0.5 * block.skin + steps * fixed.dt * drift
-            close = 0.5 * world.largest + 3.0 * model.spacing + way
             speed = max(speed, highest_of(world.w.pace))
-            ahead = fixed.way * (speed + drift + fastest_flow(model) + model.pad_descent)
-            look = 1.5 * (0.5 * world.largest + ahead) + 3.0 * model.spacing
-            within = way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
+            close, within = reaches(world, block, speed, drift)
+            if not within <= width:
+                width = 1.1 * within
+                bins = bins_of(s, n, width, model.length_x, model.length_y)
             if run > 0 or again.any():
                 spread_removals(
-                    harvest, bins_of(s, n, within, model.length_x, model.length_y), s, met_surface,
-                    model.length_x, model.length_y, close, within, parent, world.w.known, again,
+                    harvest, bins, s, met_surface, model.length_x, model.length_y, close, within, parent,
+                    world.w.known, again,
                 )  # fmt: skip
         if fewer == steps and not again.any():
             if run > 0 and model.has_pad and world.heights[block.top_x, block.top_y] < block.highest:

@@ -13,38 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import formula, inner, part
+from reference.compiled import inner, part
 from reference.contact import effective_modulus
-from reference.neighbors import minimum_image, neighbor_pairs
+from reference.neighbors import half_period, minimum_image, nearest_image, neighbor_pairs, shift_to_image
 from reference.timestep import wrap
 
 FEW = 200  # particles, up to which all pairs are looked at
 WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
-
-
-@formula
-def half_period(length):
-    """Half of a period, m; infinite where there is none."""
-    return 0.5 * length if length > 0.0 else math.inf
-
-
-@part
-def shift_to_image(distance, period, half):
-    """What a difference of two wrapped positions lacks of that to the nearest image, m.
-
-    `half` is half of the period, or infinite.
-    """
-    if distance > half:
-        return -period
-    if distance < -half:
-        return period
-    return 0.0
-
-
-@part
-def nearest_image(distance, period, half):
-    """`minimum_image` of a difference of two wrapped positions; `half` is half of the period, or infinite."""
-    return distance + shift_to_image(distance, period, half)
 
 
 @inner

@@ -17,7 +17,8 @@ import numpy as np
 from reference.collisions import drag_on
 from reference.compiled import inner, part
 from reference.contact import HERTZ
-from reference.fast.near import FACTS, F, nearest_image
+from reference.fast.near import FACTS, F
+from reference.neighbors import nearest_image
 from reference.state import FLOW_COUETTE
 
 LANES, REGISTER = 16, 4  # contacts of a batch, and doubles in a vector register
