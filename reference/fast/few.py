@@ -15,7 +15,7 @@ import numpy as np
 from reference.compiled import kernel, uncounted
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_contacts, record_pad, record_pair, take_off
-from reference.fast.known import box_holds, pace_of, renew
+from reference.fast.known import COLUMNS, K, in_box, pace_of, renew
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -30,16 +30,15 @@ from reference.fast.near import (
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
     check_thrown,
-    depart_all,
     find_surface,
     hit_surface,
-    keep,
+    set_apart,
     shear_of,
     solve_special,
     speed_apart,
 )
 from reference.fast.swarm import ROW, scratch_of, views
-from reference.fast.sweep import fast_on_pad, glide, highest_of
+from reference.fast.sweep import depart, fast_on_pad, glide, highest_of
 from reference.fast.watch import AHEAD, HORIZON, insert, remove, ring_of
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 from reference.timestep import DONE, LEDGER_FULL, SLOWEST, P
@@ -94,14 +93,14 @@ def march_few(
     room = WIDE * largest - skin
     status = RELIST
     while status == RELIST:
-        settle(s, 0, n, periods)
+        settle(s, n, periods)
         if run[R.spent] < math.inf:
             run[R.spent] = 2.0 * farthest(s, origin, periods)
         if model.has_pairs and n > 1 and not run[R.spent] <= room:
             lists = lists_of(list_wide(s, largest, periods, origin))
             run[R.spent], run[R.mean_x], run[R.mean_y] = 0.0, mean(s.vx, n), mean(s.vy, n)
             for i in range(n):
-                w.pace[i] = pace_of(w.known, i, run[R.mean_x], run[R.mean_y])
+                w.pace[i] = pace_of(s, i, run[R.mean_x], run[R.mean_y])
         run[R.fresh] = 1.0
         status = march(
             model, numerics, fixed, progress, t_start, last_step, largest, skin, room, periods, s, w, ring,
@@ -122,13 +121,10 @@ def march(
 
     No array is made here: to count references to it at every step took a fifth of the time.
     """
-    n, dt = scratch.special.shape[0], fixed.dt
+    n, dt = w.pace.size, fixed.dt
     f = views(s.flat, ROW, s.x.size)  # the same as `s`, at distances that the compiler knows
     due, first = w.due, ring.first
     narrow = lists.narrow
-    touched, touch_step, thrown, special = (
-        scratch.touched, scratch.touch_step, scratch.thrown, scratch.special
-    )  # fmt: skip
     top_x, top_y, alone = int(run[R.top_x]), int(run[R.top_y]), run[R.alone] > 0.0
     highest = run[R.highest]
     left, spent, speed = run[R.left], run[R.spent], run[R.speed]
@@ -152,8 +148,8 @@ def march(
                 if not spent <= room:
                     status = RELIST
                     break
-            settle(s, 0, n, periods)
-            near = list_narrow_of(s, lists, skin, periods, 0, lists.narrow.size // 2)
+            settle(s, n, periods)
+            near = list_narrow_of(s, lists, skin, periods)
             left, gone, speed, fresh = skin, 0.0, highest_of(w.pace), False
         else:
             left -= 2.0 * dt * speed
@@ -164,7 +160,7 @@ def march(
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
-        n_touched, begin = 0, row
+        begin = row
 
         # bounds for those whose time is up, and their contacts with the surface
         listed = first[step % HORIZON]
@@ -172,7 +168,7 @@ def march(
         while listed >= 0:
             i = np.uint32(listed)
             listed = ring.after[i]
-            same_box = box_holds(w.known, i, step, f.vx[i], f.vy[i], f.vz[i])
+            same_box = step < w.known[COLUMNS * i + K.renewed] and in_box(f, i, f.vx[i], f.vy[i], f.vz[i])
             if not same_box:
                 some_nonlinear += renew(model, fixed, f, w, i, step, pad_height, mean_x, mean_y)
                 speed = max(speed, w.pace[i])
@@ -189,9 +185,6 @@ def march(
                         nx, ny, nz, qx, qy, qz, rows, row,
                     )  # fmt: skip
                     f.contacts[i] += 1.0
-                    touch_step[i] = step
-                    touched[n_touched] = i
-                    n_touched += 1
                     if closing > SLOWEST:
                         f.longest[i] = max(f.longest[i], lasting)
             insert(due, ring, i, step + 1 + steps)
@@ -212,12 +205,6 @@ def march(
                 f.jx[j] -= c[B.jx + k]
                 f.jy[j] -= c[B.jy + k]
                 f.jz[j] -= c[B.jz + k]
-                touched[n_touched] = i
-                n_touched += int(touch_step[i] != step)
-                touch_step[i] = step
-                touched[n_touched] = j
-                n_touched += int(touch_step[j] != step)
-                touch_step[j] = step
                 f.contacts[i] += 1.0
                 if closing > SLOWEST:
                     f.longest[i] = max(f.longest[i], c[B.duration + k])
@@ -225,41 +212,34 @@ def march(
                     record_pair(model, dt, time, pad_height, s, i, j, rows[row])
                     row += 1
 
-        # the pad, of those in contact; their velocities before drag
+        # the pad; velocities after contacts, before drag
         recorded = 0
         if model.has_pad and numerics.ledger_speed <= speed + descent:
             recorded = fast_on_pad(f.z, f.vz, f.radius, pad_height, descent, numerics.ledger_speed)
         if recorded > 0:
             row = record_pad(model, numerics, time, pad_height, descent, n, s, scratch.velocity, rows, row)
-        n_thrown, n_special = depart_all(
-            model, fixed, f, w, scratch, 0, n_touched, shear, pad_height, descent
-        )
-        if some_nonlinear > 0:
-            for k in range(n):
-                if w.nonlinear[k] and touch_step[k] != step:
-                    keep(f, special, scratch.kept, n_special, k)
-                    n_special += 1
+        outside = depart(
+            f.z, f.vx, f.vy, f.vz, f.wx, f.wy, f.wz, f.jx, f.jy, f.jz, f.per_mass, f.radius, f.contacts,
+            f.x_low, f.x_high, f.y_low, f.y_high, f.z_low, f.z_high, f.outside,
+            pad_height if model.has_pad else math.inf, descent, model.pad_restitution,
+        )  # fmt: skip
+        n_thrown, n_special = set_apart(fixed, f, w, scratch, shear, outside > 0, some_nonlinear > 0)
 
         # drag and motion of all
         glide(
-            model, dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, f.x, f.y, f.z, f.vx, f.vy, f.vz, f.yielding,
-            f.under_pad, f.contacts, shear, pad_height, descent,
+            model, dt, fixed.flow_x, fixed.flow_y, fixed.flow_z, f.x, f.y, f.z, f.vx, f.vy, f.vz, f.wx, f.wy,
+            f.wz, f.jx, f.jy, f.jz, f.yielding, shear,
         )  # fmt: skip
-        if model.has_pad:
-            for k in range(n_touched):
-                f.under_pad[touched[k]] = f.radius[touched[k]]
 
         # those whose drag is not linear, or that gain mass; and whose bounds hold no longer
         for k in range(n_special):
-            i = special[k]
-            solved = solve_special(
-                model, numerics, fixed, f, scratch, k, i, touch_step[i] != step, pad_height, descent
-            )
+            i = scratch.special[k]
+            solved = solve_special(model, numerics, fixed, f, scratch, k, i, pad_height, descent)
             if solved != DONE:
                 status, progress[P.culprit] = solved, i
         faster = speed
         for k in range(n_thrown):
-            i = thrown[k]
+            i = scratch.thrown[k]
             if due[i] != step + 1 and status == DONE:
                 remove(due, ring, i)
                 insert(due, ring, i, step + 1)

@@ -21,21 +21,15 @@ from reference.state import DEPOSIT_NONE, FLOW_COUETTE
 class Known(NamedTuple):
     """What is known of a particle, one row of numbers: these are their columns."""
 
-    x_low: int = 0  # the box: lowest and highest velocity along x, y and z, m/s
-    x_high: int = 1
-    y_low: int = 2
-    y_high: int = 3
-    z_low: int = 4
-    z_high: int = 5
-    renewed: int = 6  # step until which the box may be used again
-    until: int = 7  # step until which no triangle but the close ones can be touched
-    looked: int = 8  # step in which the close triangles were found
-    looked_x: int = 9  # and where, m
-    looked_y: int = 10
+    renewed: int = 0  # step until which the box of its velocity may be used again
+    until: int = 1  # step until which no triangle but the close ones can be touched
+    looked: int = 2  # step in which the close triangles were found
+    looked_x: int = 3  # and where, m
+    looked_y: int = 4
 
 
 K = Known()
-COLUMNS = 16  # of such a row: two cache lines
+COLUMNS = 8  # of such a row: a cache line
 
 
 class Watch(NamedTuple):
@@ -100,44 +94,30 @@ def fixed_of(model, numerics, dt, largest, mapped_within):
 
 
 @part
-def pace_of(known, i, mean_x, mean_y):
+def pace_of(s, i, mean_x, mean_y):
     """The highest speed in the box of particle i, relative to a mean, m/s."""
-    row = COLUMNS * i
-    return fastest(
-        known[row + K.x_low], known[row + K.x_high], known[row + K.y_low], known[row + K.y_high],
-        known[row + K.z_low], known[row + K.z_high], mean_x, mean_y,
-    )  # fmt: skip
+    return fastest(s.x_low[i], s.x_high[i], s.y_low[i], s.y_high[i], s.z_low[i], s.z_high[i], mean_x, mean_y)
 
 
 @part
-def in_box(known, i, vx, vy, vz):
+def in_box(s, i, vx, vy, vz):
     """Whether a velocity of particle i is within its box."""
-    row = COLUMNS * i
-    inside = (known[row + K.x_low] <= vx) & (vx <= known[row + K.x_high])
-    inside &= (known[row + K.y_low] <= vy) & (vy <= known[row + K.y_high])
-    return inside & (known[row + K.z_low] <= vz) & (vz <= known[row + K.z_high])
-
-
-@part
-def box_holds(known, i, step, vx, vy, vz):
-    """Whether particle i, looked at in `step`, needs no new box."""
-    return step < known[COLUMNS * i + K.renewed] and in_box(known, i, vx, vy, vz)
+    inside = (s.x_low[i] <= vx) & (vx <= s.x_high[i])
+    inside &= (s.y_low[i] <= vy) & (vy <= s.y_high[i])
+    return inside & (s.z_low[i] <= vz) & (vz <= s.z_high[i])
 
 
 @part
 def renew(model, fixed, s, w, i, step, pad_height, mean_x, mean_y):
     """Give particle i a new box; return 1, -1 or 0: how many more may have drag that is not linear."""
-    known, row = w.known, COLUMNS * i
-    x_low, x_high, y_low, y_high, z_low, z_high, slip = velocity_box(
+    s.x_low[i], s.x_high[i], s.y_low[i], s.y_high[i], s.z_low[i], s.z_high[i], slip = velocity_box(
         model, fixed.dt, pad_height, fixed.margin, s.drag[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
     )
-    known[row + K.x_low], known[row + K.x_high], known[row + K.y_low] = x_low, x_high, y_low
-    known[row + K.y_high], known[row + K.z_low], known[row + K.z_high] = y_high, z_low, z_high
-    known[row + K.renewed] = step + HORIZON - AHEAD - 1
-    w.pace[i] = pace_of(known, i, mean_x, mean_y)
+    w.known[COLUMNS * i + K.renewed] = step + HORIZON - AHEAD - 1
+    w.pace[i] = pace_of(s, i, mean_x, mean_y)
     over = 4.0 * s.radius[i] * s.radius[i] * slip > fixed.slip_limit
     # nor can the sweep wrap a particle that crosses the box in one step
-    over = over or fixed.dt * max(z_high, -z_low) >= 2.0 * fixed.half_z
+    over = over or fixed.dt * max(s.z_high[i], -s.z_low[i]) >= 2.0 * fixed.half_z
     before = w.nonlinear[i]
     w.nonlinear[i] = over
     return int(over) - int(before)

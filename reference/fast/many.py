@@ -184,13 +184,13 @@ def march_many(
     first_row, mapped, status = row, 0, DONE
     step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
     while step < last_step:
-        settle(s, 0, n, periods)
+        settle(s, n, periods)
         if spent < math.inf:
             spent = 2.0 * farthest(s, origin, periods)
         if not spent <= WIDE * largest - skin:
             mean_x, mean_y = mean(s.vx, n), mean(s.vy, n)
             for i in range(n):
-                w.pace[i] = pace_of(w.known, i, mean_x, mean_y)
+                w.pace[i] = pace_of(s, i, mean_x, mean_y)
             spent, skin, pairs = 0.0, SKIN * largest, list_wide(s, largest, periods, origin)
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
@@ -198,11 +198,11 @@ def march_many(
             copy_rows(heights, seen, 0, 0, heights.shape[0])
             mapped = step
         speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
-        near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
+        near = list_narrow_of(s, lists, skin, periods)
         grouped = group_pairs(parent, lists.narrow, near) <= GROUP
         while not grouped and skin > THIN * largest:
             skin *= 0.5
-            near = list_narrow_of(s, lists, skin, periods, 0, lists.wide.shape[0])
+            near = list_narrow_of(s, lists, skin, periods)
             grouped = group_pairs(parent, lists.narrow, near) <= GROUP
         if not grouped:
             status = CROWDED

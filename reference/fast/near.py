@@ -23,9 +23,9 @@ WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
 
 
 @inner
-def settle(s, first, last, periods):
-    """Wrap the positions of particles first ... last - 1, as is done before pairs are listed."""
-    for i in range(first, last):
+def settle(s, n, periods):
+    """Wrap the positions of n particles, as is done before pairs are listed."""
+    for i in range(n):
         s.x[i], s.y[i], s.z[i] = wrap(s.x[i], periods[0]), wrap(s.y[i], periods[1]), wrap(s.z[i], periods[2])
 
 
@@ -130,15 +130,14 @@ def farthest(s, origin, periods):
 
 
 @inner
-def list_narrow_of(s, lists, skin, periods, first, last):
-    """List those of the wide pairs first ... last - 1 that are closer than touching and `skin`.
+def list_narrow_of(s, lists, skin, periods):
+    """List those of the wide pairs that are closer than touching and `skin`; return how many they are.
 
-    They stand in the narrow list from `first` on; returned is how many they are.  Of each R E*^2 is kept:
-    what Hertz's duration needs of a pair that does not change.
+    Of each R E*^2 is kept: what Hertz's duration needs of a pair that does not change.
     """
-    wide, narrow, facts, at = lists.wide, lists.narrow, lists.facts, first
+    wide, narrow, facts, at = lists.wide, lists.narrow, lists.facts, 0
     half_x, half_y, half_z = half_period(periods[0]), half_period(periods[1]), half_period(periods[2])
-    for pair in range(first, last):
+    for pair in range(wide.shape[0]):
         i, j = wide[pair, 0], wide[pair, 1]
         dx, dy = s.x[j] - s.x[i], s.y[j] - s.y[i]
         shift_x, shift_y = shift_to_image(dx, periods[0], half_x), shift_to_image(dy, periods[1], half_y)
@@ -152,7 +151,7 @@ def list_narrow_of(s, lists, skin, periods, first, last):
             facts[FACTS * at + F.rigid] = s.radius[i] * s.radius[j] / touching * modulus * modulus
             facts[FACTS * at + F.shift_x], facts[FACTS * at + F.shift_y] = shift_x, shift_y
             at += 1
-    return at - first
+    return at
 
 
 @part

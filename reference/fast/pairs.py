@@ -38,16 +38,15 @@ class Batch(NamedTuple):
     ax: int = 6 * LANES  # E_i/m_i - E_j/m_j, m/s2
     ay: int = 7 * LANES
     az: int = 8 * LANES
-    mass_i: int = 9 * LANES  # kg
-    mass_j: int = 10 * LANES
-    rigid: int = 11 * LANES  # R E*^2, m Pa2
-    m_eff: int = 12 * LANES  # kg
-    separation: int = 13 * LANES  # component of v along n, m/s
-    hertz: int = 14 * LANES  # R E*^2 v/m*^2
-    duration: int = 15 * LANES  # s
-    jx: int = 16 * LANES  # impulse that i receives, N s
-    jy: int = 17 * LANES
-    jz: int = 18 * LANES
+    per_mass: int = 9 * LANES  # 1/m* = 1/m_i + 1/m_j, 1/kg
+    rigid: int = 10 * LANES  # R E*^2, m Pa2
+    m_eff: int = 11 * LANES  # m*, kg
+    separation: int = 12 * LANES  # component of v along n, m/s
+    hertz: int = 13 * LANES  # R E*^2 v/m*^2
+    duration: int = 14 * LANES  # s
+    jx: int = 15 * LANES  # impulse that i receives, N s
+    jy: int = 16 * LANES
+    jz: int = 17 * LANES
 
 
 B = Batch()
@@ -76,11 +75,11 @@ def approach(c, lanes):
         dx, dy, dz = c[B.nx + k], c[B.ny + k], c[B.nz + k]
         per_distance = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
         nx, ny, nz = dx * per_distance, dy * per_distance, dz * per_distance
-        m_eff = c[B.mass_i + k] * c[B.mass_j + k] / (c[B.mass_i + k] + c[B.mass_j + k])
+        per_mass = c[B.per_mass + k]
         separation = c[B.vx + k] * nx + c[B.vy + k] * ny + c[B.vz + k] * nz
         c[B.nx + k], c[B.ny + k], c[B.nz + k] = nx, ny, nz
-        c[B.m_eff + k], c[B.separation + k] = m_eff, separation
-        c[B.hertz + k] = -c[B.rigid + k] * separation / (m_eff * m_eff)
+        c[B.m_eff + k], c[B.separation + k] = 1.0 / per_mass, separation
+        c[B.hertz + k] = -c[B.rigid + k] * separation * per_mass * per_mass
 
 
 @part
@@ -216,7 +215,7 @@ def next_batch(
             ax, ay, az = acceleration_in(model, s, nonlinear, shear, pad_height, i)
             bx, by, bz = acceleration_in(model, s, nonlinear, shear, pad_height, j)
             c[B.ax + k], c[B.ay + k], c[B.az + k] = ax - bx, ay - by, az - bz
-            c[B.mass_i + k], c[B.mass_j + k] = s.mass[i], s.mass[j]
+            c[B.per_mass + k] = s.per_mass[i] + s.per_mass[j]
             c[B.rigid + k] = facts[FACTS * q + F.rigid]
         impulses_of_batch(model, fixed.dt, c, bits, met)
     return pair, met

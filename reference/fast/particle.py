@@ -11,7 +11,7 @@ from reference import ledger as col
 from reference.compiled import part
 from reference.contact import surface_normal_impulse
 from reference.fast.events import bounce, strike
-from reference.fast.known import COLUMNS, K, in_box
+from reference.fast.known import COLUMNS, K
 from reference.fast.pairs import acceleration_in
 from reference.fast.swarm import adapt
 from reference.fast.watch import AHEAD, look, look_closely
@@ -37,8 +37,8 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     known, row = w.known, COLUMNS * i
     close, number, changed = w.close, w.number, w.changed
     x, y, z, radius = wrap(s.x[i], model.length_x), wrap(s.y[i], model.length_y), s.z[i], s.radius[i]
-    x_low, x_high, y_low = known[row + K.x_low], known[row + K.x_high], known[row + K.y_low]
-    y_high, z_low, z_high = known[row + K.y_high], known[row + K.z_low], known[row + K.z_high]
+    x_low, x_high, y_low = s.x_low[i], s.x_high[i], s.y_low[i]
+    y_high, z_low, z_high = s.y_high[i], s.z_low[i], s.z_high[i]
     a = min(int(x * fixed.per_spacing), above.shape[0] - 1)
     b = min(int(y * fixed.per_spacing), above.shape[1] - 1)
     clear = z - radius + fixed.way * min(z_low, 0.0) >= above[a, b]
@@ -83,6 +83,7 @@ def hit_surface(
         removes = rows[row, col.REMOVED_VOLUME] > 0.0
         if removes and model.mass_pickup:
             s.gained[i] = rows[row, col.REMOVED_MASS]
+            s.x_low[i] = math.inf  # its box holds no longer
         if removes or closing >= numerics.ledger_speed:
             row += 1
     else:
@@ -97,34 +98,8 @@ def hit_surface(
 
 
 @part
-def depart(model, fixed, s, w, i, shear, pad_height, descent):
-    """Velocity of particle i after its contacts, before the drag: (meets the pad, thrown, special, v).
-
-    One that is thrown may have left its box: drag leads to between v and the fluid's velocity, which is in
-    it.  A special one, whose drag may not be linear or that gains mass, is solved by `solve_special`.
-    """
-    mass, radius, z, vx, vy, vz = s.mass[i], s.radius[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
-    meets = False
-    if model.has_pad:
-        meets = (z + radius > pad_height) & (vz + descent > 0.0)
-        push = surface_normal_impulse(mass, -(vz + descent), model.pad_restitution)
-        s.jz[i] -= push if meets else 0.0
-        s.under_pad[i] = -math.inf
-    per_mass = 1.0 / mass
-    wx, wy, wz = vx + s.jx[i] * per_mass, vy + s.jy[i] * per_mass, vz + s.jz[i] * per_mass
-    inside, gains = in_box(w.known, i, wx, wy, wz), s.gained[i] > 0.0
-    special = w.nonlinear[i] or gains
-    if not inside:
-        # it may be so fast that its drag is not linear, at either end of its way
-        here, there = fixed.flow_x + shear * z - wx, fixed.flow_x + shear * (z + fixed.dt * wz) - wx
-        slip = max(here * here, there * there) + (fixed.flow_y - wy) ** 2 + (fixed.flow_z - wz) ** 2
-        special = special or 4.0 * radius * radius * slip > fixed.slip_limit
-    return meets, gains or not inside, special, wx, wy, wz
-
-
-@part
 def keep(s, special, kept, k, i):
-    """Have particle i solved by itself, as number k, from where it is now."""
+    """Have particle i solved by itself, as number k, from what it is before the contacts of the step."""
     special[k] = i
     kept[k, 0], kept[k, 1], kept[k, 2] = s.x[i], s.y[i], s.z[i]
     kept[k, 3], kept[k, 4], kept[k, 5] = s.vx[i], s.vy[i], s.vz[i]
@@ -132,36 +107,44 @@ def keep(s, special, kept, k, i):
 
 
 @part
-def depart_all(model, fixed, s, w, scratch, first, last, shear, pad_height, descent):
-    """`depart` for those in `touched` from `first` to `last` - 1: (throws, specials).
-
-    Those thrown and the special ones stand in `thrown` and `special` from `first` on, up to what is returned.
-    """
-    throws, specials = first, first
-    for k in range(first, last):
-        i = scratch.touched[k]
-        meets, leaves, unusual, wx, wy, wz = depart(model, fixed, s, w, i, shear, pad_height, descent)
-        s.contacts[i] += 1.0 if meets else 0.0
-        if leaves:
-            scratch.thrown[throws] = i
-            throws += 1
-        if unusual:
-            keep(s, scratch.special, scratch.kept, specials, i)
-            specials += 1
-        s.vx[i], s.vy[i], s.vz[i] = wx, wy, wz
-        s.jx[i], s.jy[i], s.jz[i] = 0.0, 0.0, 0.0
-    return throws, specials
+def too_fast(fixed, s, i, shear):
+    """Whether particle i may be so fast after its contacts that its drag is not linear."""
+    radius, z, wx, wy, wz = s.radius[i], s.z[i], s.wx[i], s.wy[i], s.wz[i]
+    here, there = fixed.flow_x + shear * z - wx, fixed.flow_x + shear * (z + fixed.dt * wz) - wx
+    slip = max(here * here, there * there) + (fixed.flow_y - wy) ** 2 + (fixed.flow_z - wz) ** 2
+    return 4.0 * radius * radius * slip > fixed.slip_limit
 
 
 @part
-def solve_special(model, numerics, fixed, s, scratch, k, i, untouched, pad_height, descent):
-    """Solve particle i, the special one number k, by itself; return a status.
+def set_apart(fixed, s, w, scratch, shear, some_outside, some_nonlinear):
+    """Find those that are thrown, or that are solved by themselves, of all: (how many, how many).
 
-    One that is `untouched` has not received the impulse of the pad yet.
+    One that is thrown has left its box, to which drag need not lead it back.  A special one, whose drag may
+    not be linear or that gains mass, is solved by `solve_special`.
     """
+    n, thrown, special = w.pace.size, 0, 0
+    if some_nonlinear:
+        for i in range(n):
+            if w.nonlinear[i]:
+                keep(s, scratch.special, scratch.kept, special, i)
+                special += 1
+    if some_outside:
+        for i in range(n):
+            if s.outside[i] > 0.0:
+                scratch.thrown[thrown] = i
+                thrown += 1
+                if not w.nonlinear[i] and (s.gained[i] > 0.0 or too_fast(fixed, s, i, shear)):
+                    keep(s, scratch.special, scratch.kept, special, i)
+                    special += 1
+    return thrown, special
+
+
+@part
+def solve_special(model, numerics, fixed, s, scratch, k, i, pad_height, descent):
+    """Solve particle i, the special one number k, by itself; return a status."""
     kept, gained, mass = scratch.kept, s.gained, s.mass
     pushed = 0.0
-    if untouched and model.has_pad and kept[k, 2] + s.radius[i] > pad_height:
+    if model.has_pad and kept[k, 2] + s.radius[i] > pad_height:
         pushed = surface_normal_impulse(mass[i], -(kept[k, 5] + descent), model.pad_restitution)
     wx, wy, wz, _, _, _, solved = solve_particle(
         model, numerics.tolerance, fixed.dt, pad_height, kept[k, 2], kept[k, 3], kept[k, 4], kept[k, 5],

@@ -20,7 +20,7 @@ from reference.fast.harvest import WIDTH
 from reference.fast.known import COLUMNS, Fixed, K, Watch
 from reference.fast.near import FACTS, Lists
 from reference.fast.pairs import LANES, batch
-from reference.fast.swarm import COMPONENTS, PADDING, ROW, Scratch, Swarm, adapt, scratch_of, views
+from reference.fast.swarm import COMPONENTS, PADDING, ROW, Scratch, Swarm, adapt, rest, scratch_of, views
 from reference.fast.threads import prefetch, threaded
 from reference.fast.watch import HORIZON, MOST_CLOSE, Ring, insert, ring_of
 from reference.timestep import P
@@ -118,7 +118,8 @@ def gather(f, v, ring, member, block, world):
         i = member[k]
         f.x[k], f.y[k], f.z[k], f.vx[k], f.vy[k], f.vz[k] = s.x[i], s.y[i], s.z[i], s.vx[i], s.vy[i], s.vz[i]
         f.mass[k], f.radius[k], f.modulus[k], f.drag[k] = s.mass[i], s.radius[i], s.modulus[i], s.drag[i]
-        f.under_pad[k] = f.radius[k]
+        f.x_low[k], f.x_high[k], f.y_low[k] = s.x_low[i], s.x_high[i], s.y_low[i]
+        f.y_high[k], f.z_low[k], f.z_high[k] = s.y_high[i], s.z_low[i], s.z_high[i]
         adapt(f, world.fixed.dt, k)
         for column in range(COLUMNS):
             v.known[COLUMNS * k + column] = w.known[COLUMNS * i + column]
@@ -131,16 +132,15 @@ def gather(f, v, ring, member, block, world):
         for at in range(3 * v.number[k]):
             v.close[3 * MOST_CLOSE * k + at] = w.close[3 * MOST_CLOSE * i + at]
         uneven += int(v.nonlinear[k])
-    for k in range(n, f.x.size):  # without drag, and never under the pad
-        f.x[k], f.y[k], f.z[k], f.vx[k], f.vy[k], f.vz[k] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        f.mass[k], f.yielding[k], f.under_pad[k], f.radius[k] = 1.0, 0.0, -math.inf, 0.0
+    for k in range(n, f.x.size):
+        rest(f, k)
     f.jx[:], f.jy[:], f.jz[:] = 0.0, 0.0, 0.0
     f.gained[:], f.contacts[:], f.longest[:], f.met_surface[:] = 0.0, 0.0, 0.0, 0.0
     return uneven
 
 
 @inner
-def scatter(f, v, found, w, member):
+def scatter(f, v, found, s, w, member):
     """Note where particles have got to, and what is known of them."""
     state = found.state
     for k in range(member.size):
@@ -149,6 +149,8 @@ def scatter(f, v, found, w, member):
         state[i, 3], state[i, 4], state[i, 5] = f.vx[k], f.vy[k], f.vz[k]
         state[i, 6], state[i, 7], state[i, 8] = f.mass[k], f.contacts[k], f.longest[k]
         found.met_surface[i] = f.met_surface[k] > 0.0
+        s.x_low[i], s.x_high[i], s.y_low[i] = f.x_low[k], f.x_high[k], f.y_low[k]
+        s.y_high[i], s.z_low[i], s.z_high[i] = f.y_high[k], f.z_low[k], f.z_high[k]
         for column in range(COLUMNS):
             w.known[COLUMNS * i + column] = v.known[COLUMNS * k + column]
         w.due[i], w.pace[i], w.nonlinear[i], w.number[i] = v.due[k], v.pace[k], v.nonlinear[k], v.number[k]
@@ -165,11 +167,6 @@ def advance_piece(desk, lists, member, block, found, rows, used, world):
         v.due[:n], v.known[: COLUMNS * n], v.pace[:n], v.nonlinear[:n], v.close, v.number[:n],
         world.w.changed,
     )  # fmt: skip
-    scratch.touch_step[:n] = -1
-    scratch = Scratch(
-        scratch.touched, scratch.touch_step[:n], scratch.thrown, scratch.special[:n], scratch.kept,
-        scratch.position, scratch.velocity,
-    )  # fmt: skip
     progress[:], run[:] = 0.0, 0.0
     progress[P.time], progress[P.pad_height], progress[P.rows] = block.time, block.pad_height, used
     run[R.step], run[R.fresh], run[R.mapped] = block.first, 1.0, math.inf
@@ -182,7 +179,7 @@ def advance_piece(desk, lists, member, block, found, rows, used, world):
         block.skin, 0.0, world.periods, f, v, desk.ring, lists, world.ceiling, scratch, desk.meeting,
         desk.batch, desk.batch.view(np.int64), run, world.heights, rows,
     )  # fmt: skip
-    scatter(f, v, found, world.w, member)
+    scatter(f, v, found, world.s, world.w, member)
     last = int(progress[P.rows])
     for row in range(used, last):
         rows[row, col.I] = member[int(rows[row, col.I])]

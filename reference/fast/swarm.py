@@ -32,19 +32,29 @@ class Swarm(NamedTuple):
     vy: np.ndarray
     vz: np.ndarray
     mass: np.ndarray  # kg
+    per_mass: np.ndarray  # 1/kg
     radius: np.ndarray  # m
     modulus: np.ndarray  # E/(1-nu^2), Pa
     drag: np.ndarray  # k = 3 pi mu d of Stokes's drag, kg/s
     rate: np.ndarray  # k/m, 1/s
     yielding: np.ndarray  # dt k/(m + dt k): the part of u - v that a step takes
-    under_pad: np.ndarray  # the radius, or minus infinity where the pad has been dealt with already, m
     jx: np.ndarray  # impulse of the step's contacts with particles and surface, N s
     jy: np.ndarray
     jz: np.ndarray
+    wx: np.ndarray  # velocity after these and the pad's, before the drag of the step, m/s
+    wy: np.ndarray
+    wz: np.ndarray
     gained: np.ndarray  # mass picked up, kg
     contacts: np.ndarray  # how many there were; those of pairs with the first of them
     longest: np.ndarray  # duration of any of them, s
     met_surface: np.ndarray  # 1 where it has touched the surface
+    x_low: np.ndarray  # a box that w stays in until it is looked at again, if nothing is in its way, m/s
+    x_high: np.ndarray
+    y_low: np.ndarray
+    y_high: np.ndarray
+    z_low: np.ndarray
+    z_high: np.ndarray
+    outside: np.ndarray  # 1 where w is not in it
     flat: np.ndarray  # all of these, one behind the other
 
 
@@ -52,11 +62,9 @@ COMPONENTS = len(Swarm._fields) - 1
 
 
 class Scratch(NamedTuple):
-    """Who takes part in a step, for N particles."""
+    """Who is apart in a step, for N particles."""
 
-    touched: np.ndarray  # (N + 1,), particles in contact with others or the surface
-    touch_step: np.ndarray  # (N,), the last step in which one was
-    thrown: np.ndarray  # (N,), those of them that may have left their boxes
+    thrown: np.ndarray  # (N,), particles whose contacts may have thrown them out of their boxes
     special: np.ndarray  # (N,), particles that are solved by themselves
     kept: np.ndarray  # (N, 9), position, velocity and impulse of the special ones before the step
     position: np.ndarray  # (3,), of one particle
@@ -65,11 +73,8 @@ class Scratch(NamedTuple):
 
 @inner
 def scratch_of(n):
-    """Scratch for n particles, none of them in contact."""
-    return Scratch(
-        np.empty(n + 1, np.uint32), np.full(n, -1), np.empty(n, np.uint32), np.empty(n, np.uint32),
-        np.empty((n, 9)), np.empty(3), np.empty(3),
-    )  # fmt: skip
+    """Scratch for n particles."""
+    return Scratch(np.empty(n, np.uint32), np.empty(n, np.uint32), np.empty((n, 9)), np.empty(3), np.empty(3))
 
 
 @inlined
@@ -82,7 +87,11 @@ def views(flat, row, size):
         flat[9 * row : 9 * row + size], flat[10 * row : 10 * row + size], flat[11 * row : 11 * row + size],
         flat[12 * row : 12 * row + size], flat[13 * row : 13 * row + size], flat[14 * row : 14 * row + size],
         flat[15 * row : 15 * row + size], flat[16 * row : 16 * row + size], flat[17 * row : 17 * row + size],
-        flat[18 * row : 18 * row + size], flat[19 * row : 19 * row + size], flat,
+        flat[18 * row : 18 * row + size], flat[19 * row : 19 * row + size], flat[20 * row : 20 * row + size],
+        flat[21 * row : 21 * row + size], flat[22 * row : 22 * row + size], flat[23 * row : 23 * row + size],
+        flat[24 * row : 24 * row + size], flat[25 * row : 25 * row + size], flat[26 * row : 26 * row + size],
+        flat[27 * row : 27 * row + size], flat[28 * row : 28 * row + size], flat[29 * row : 29 * row + size],
+        flat,
     )  # fmt: skip
 
 
@@ -104,17 +113,25 @@ def filled(model, dt, p, order, flat, row, padded):
         s.mass[i], s.radius[i], s.modulus[i] = p.mass[k], 0.5 * p.diameter[k], p.modulus[k]
         if model.flow != FLOW_NONE:
             s.drag[i] = 3.0 * math.pi * model.viscosity * p.diameter[k]
-        s.under_pad[i] = s.radius[i]
         adapt(s, dt, i)
-    for i in range(n, padded):  # without drag, and never under the pad
-        s.mass[i], s.under_pad[i] = 1.0, -math.inf
+    for i in range(n, padded):
+        rest(s, i)
     return s
+
+
+@inner
+def rest(s, i):
+    """Have number i of the swarm be no particle: at rest, without drag, and never under the pad."""
+    s.x[i], s.y[i], s.z[i], s.vx[i], s.vy[i], s.vz[i] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    s.mass[i], s.per_mass[i], s.yielding[i], s.radius[i] = 1.0, 1.0, 0.0, -math.inf
+    s.x_low[i], s.x_high[i], s.y_low[i] = 0.0, 0.0, 0.0
+    s.y_high[i], s.z_low[i], s.z_high[i] = 0.0, 0.0, 0.0
 
 
 @inner
 def adapt(s, dt, i):
     """Adapt what depends on the mass of particle i."""
-    s.rate[i] = s.drag[i] / s.mass[i]
+    s.per_mass[i], s.rate[i] = 1.0 / s.mass[i], s.drag[i] / s.mass[i]
     s.yielding[i] = dt * s.drag[i] / (s.mass[i] + dt * s.drag[i])
 
 

@@ -1,7 +1,7 @@
-"""Drag, motion and pad of all particles, as loops without branches that become vector instructions.
+"""Contacts with the pad, drag and motion of all particles, as loops without branches: vector instructions.
 
 Paper: Eqs. (37)-(39) with Stokes's drag, which is linear and needs no iteration: with the velocity
-s = v + J/m after the step's contacts, v' = s + dt k (u - s)/(m + dt k).  Particles whose drag is not
+w = v + J/m after the step's contacts, v' = w + dt k (u - w)/(m + dt k).  Particles whose drag is not
 Stokes's, or that gain mass, are solved by `schemes.solve_particle` afterwards.
 
 Positions along x and y are not wrapped here, but when pairs are listed (`near.settle`).
@@ -39,48 +39,48 @@ def fast_on_pad(z, vz, radius, pad_height, descent, speed):
 
 
 @part
-def glide_under_pad(z, vz, under_pad, contacts, yielding, flow, dt, pad_height, descent, restitution):
-    """Velocity and position along z after a step under the pad; `contacts` counts who meets it.
+def depart(
+    z, vx, vy, vz, wx, wy, wz, jx, jy, jz, per_mass, radius, contacts, x_low, x_high, y_low, y_high, z_low,
+    z_high, outside, pad_height, descent, restitution,
+):  # fmt: skip
+    """Velocities w after the contacts of a step, those with the pad too; return how many leave their boxes.
 
     J = (1 + e_pad) m (v_z + V_z) downwards makes v_z to -e_pad v_z - (1 + e_pad) V_z: see `collide_pad`.
-    Particles that other contacts have changed already are left out by `under_pad`, which else is the radius.
+    `contacts` counts who meets it, `outside` is 1 for those that leave.
     """
-    leaving = -(1.0 + restitution) * descent
+    leaving, left = -(1.0 + restitution) * descent, 0
     for i in range(z.size):
-        v = vz[i]
-        meets = (z[i] + under_pad[i] > pad_height) & (v + descent > 0.0)
+        v, per = vz[i], per_mass[i]
+        meets = (z[i] + radius[i] > pad_height) & (v + descent > 0.0)
         v = leaving - restitution * v if meets else v
         contacts[i] += 1.0 if meets else 0.0
-        v += yielding[i] * (flow - v)
-        vz[i] = v
-        z[i] += dt * v
+        x, y, v = vx[i] + jx[i] * per, vy[i] + jy[i] * per, v + jz[i] * per
+        wx[i], wy[i], wz[i] = x, y, v
+        inside = (x_low[i] <= x) & (x <= x_high[i]) & (y_low[i] <= y) & (y <= y_high[i])
+        inside = inside & (z_low[i] <= v) & (v <= z_high[i])
+        outside[i] = 0.0 if inside else 1.0
+        left += 0 if inside else 1
+    return left
 
 
 @part
-def glide_upright(z, vz, yielding, flow, dt):
-    """Velocity and position along z after a step without a pad, not wrapped."""
-    for i in range(z.size):
-        v = vz[i] + yielding[i] * (flow - vz[i])
-        vz[i] = v
-        z[i] += dt * v
-
-
-@part
-def glide_sheared(x, vx, z, yielding, shear, dt):
-    """Velocity and position along x after a step, in a flow u = `shear` z at the new height."""
+def glide_sheared(x, v, w, j, z, yielding, shear, dt):
+    """Velocity and position along x after a step, in a flow u = `shear` z at the new height; no impulse."""
     for i in range(x.size):
-        v = vx[i] + yielding[i] * (shear * z[i] - vx[i])
-        vx[i] = v
-        x[i] += dt * v
+        s = w[i] + yielding[i] * (shear * z[i] - w[i])
+        v[i] = s
+        x[i] += dt * s
+        j[i] = 0.0
 
 
 @part
-def glide_along(x, vx, yielding, flow, dt):
-    """Velocity and position along x or y after a step, in a uniform flow."""
+def glide_along(x, v, w, j, yielding, flow, dt):
+    """Velocity and position along an axis after a step, in a uniform flow; no impulse any more."""
     for i in range(x.size):
-        v = vx[i] + yielding[i] * (flow - vx[i])
-        vx[i] = v
-        x[i] += dt * v
+        s = w[i] + yielding[i] * (flow - w[i])
+        v[i] = s
+        x[i] += dt * s
+        j[i] = 0.0
 
 
 @part
@@ -95,20 +95,14 @@ def wrap_upright(z, period):
 
 @part
 def glide(
-    model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, yielding, under_pad, contacts, shear, pad_height,
-    descent,
+    model, dt, flow_x, flow_y, flow_z, x, y, z, vx, vy, vz, wx, wy, wz, jx, jy, jz, yielding, shear
 ):  # fmt: skip
-    """Drag, pad and motion in one step of dt; `contacts` counts who meets the pad."""
-    if model.has_pad:
-        glide_under_pad(
-            z, vz, under_pad, contacts, yielding, flow_z, dt, pad_height, descent, model.pad_restitution
-        )
-    else:
-        glide_upright(z, vz, yielding, flow_z, dt)
+    """Drag and motion in one step of dt; impulses are 0 afterwards."""
+    glide_along(z, vz, wz, jz, yielding, flow_z, dt)
     if model.flow == FLOW_COUETTE:
-        glide_sheared(x, vx, z, yielding, shear, dt)
+        glide_sheared(x, vx, wx, jx, z, yielding, shear, dt)
     else:
-        glide_along(x, vx, yielding, flow_x, dt)
-    glide_along(y, vy, yielding, flow_y, dt)
+        glide_along(x, vx, wx, jx, yielding, flow_x, dt)
+    glide_along(y, vy, wy, jy, yielding, flow_y, dt)
     if model.length_z > 0.0:
         wrap_upright(z, model.length_z)

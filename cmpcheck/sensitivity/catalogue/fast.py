@@ -19,7 +19,7 @@ MUTANTS = (
     ),
     Mutant(
         "fast: effective mass", "the duration of Hertz's contact has m* in the wrong power",
-        f"{FAST}/pairs.py:approach", "separation / (m_eff * m_eff)", "separation / m_eff",
+        f"{FAST}/pairs.py:approach", "separation * per_mass * per_mass", "separation * per_mass",
     ),
     Mutant(
         "fast: bounce", "e of a particle and the surface is off by a factor where nothing is removed",
@@ -28,12 +28,12 @@ MUTANTS = (
         "surface_normal_impulse(mass, -closing, (1.0 + SIZE) * model.restitution, external)", 0.01, "%",
     ),
     Mutant(
-        "fast: pad", "the pad's restitution is off by a factor", f"{FAST}/sweep.py:glide_under_pad",
+        "fast: pad", "the pad's restitution is off by a factor", f"{FAST}/sweep.py:depart",
         "leaving - restitution * v", "leaving - (1.0 + SIZE) * restitution * v", 0.01, "%",
     ),
     Mutant(
         "fast: shear", "the shear of the flow is off by a factor", f"{FAST}/sweep.py:glide_sheared",
-        "(shear * z[i] - vx[i])", "((1.0 + SIZE) * shear * z[i] - vx[i])", 0.01, "%",
+        "(shear * z[i] - w[i])", "((1.0 + SIZE) * shear * z[i] - w[i])", 0.01, "%",
     ),
     Mutant(
         "fast: mass in the drag", "the share of the slip that a step takes is off by a factor",
@@ -64,13 +64,13 @@ MUTANTS = (
         "s.jz[i] += normal * nz", "s.jz[i] += (1.0 + SIZE) * normal * nz", 0.01, "%",
     ),
     Mutant(
-        "fast: pad in a contact", "the pad's impulse on one in contact is off by a factor",
-        f"{FAST}/particle.py:depart",
-        "push if meets", "(1.0 + SIZE) * push if meets", 0.01, "%",
+        "fast: impulses", "what all contacts of a step give along z is off by a factor",
+        f"{FAST}/sweep.py:depart", "v + jz[i] * per", "v + (1.0 + SIZE) * jz[i] * per", 0.01, "%",
     ),
     Mutant(
-        "fast: pad twice", "one in contact is pushed by the pad a second time", f"{FAST}/particle.py:depart",
-        "s.under_pad[i] = -math.inf", "s.under_pad[i] = s.radius[i]",
+        "fast: impulses twice", "a part of what contacts give is given again in the next step",
+        f"{FAST}/sweep.py:glide_sheared",
+        "j[i] = 0.0\n\n\n@part\ndef glide_along", "j[i] *= SIZE\n\n\n@part\ndef glide_along", 0.01, "%",
     ),
     Mutant(
         "fast: pad and drag", "the pad's impulse is off by a factor where the drag is not linear",
