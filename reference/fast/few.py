@@ -15,7 +15,7 @@ import numpy as np
 from reference.compiled import kernel, uncounted
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_contacts, record_pad, record_pair, take_off
-from reference.fast.known import COLUMNS, K, in_box, pace_of, renew
+from reference.fast.known import COLUMNS, K, in_box, renew, renew_paces
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -24,7 +24,6 @@ from reference.fast.near import (
     list_narrow_of,
     list_wide,
     lists_of,
-    mean,
     settle,
 )
 from reference.fast.pairs import LANES, B, batch, next_batch
@@ -98,9 +97,8 @@ def march_few(
             run[R.spent] = 2.0 * farthest(s, origin, periods)
         if model.has_pairs and n > 1 and not run[R.spent] <= room:
             lists = lists_of(list_wide(s, largest, periods, origin))
-            run[R.spent], run[R.mean_x], run[R.mean_y] = 0.0, mean(s.vx, n), mean(s.vy, n)
-            for i in range(n):
-                w.pace[i] = pace_of(s, i, run[R.mean_x], run[R.mean_y])
+            run[R.spent] = 0.0
+            run[R.mean_x], run[R.mean_y] = renew_paces(s, w.pace)
         run[R.fresh] = 1.0
         status = march(
             model, numerics, fixed, progress, t_start, last_step, largest, skin, room, periods, s, w, ring,

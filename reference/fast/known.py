@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import part
-from reference.fast.near import fastest
+from reference.compiled import inner, part
+from reference.fast.near import fastest, mean
 from reference.fast.watch import AHEAD, HORIZON, MARGIN, MOST_CLOSE, SAFETY, velocity_box
 from reference.neighbors import half_period
 from reference.state import DEPOSIT_NONE, FLOW_COUETTE
@@ -97,6 +97,16 @@ def fixed_of(model, numerics, dt, largest, mapped_within):
 def pace_of(s, i, mean_x, mean_y):
     """The highest speed in the box of particle i, relative to a mean, m/s."""
     return fastest(s.x_low[i], s.x_high[i], s.y_low[i], s.y_high[i], s.z_low[i], s.z_high[i], mean_x, mean_y)
+
+
+@inner
+def renew_paces(s, pace):
+    """Have `pace` (N,) be relative to the mean velocity as it is now, which is returned: (x, y), m/s."""
+    n = pace.size
+    mean_x, mean_y = mean(s.vx, n), mean(s.vy, n)
+    for i in range(n):
+        pace[i] = pace_of(s, i, mean_x, mean_y)
+    return mean_x, mean_y
 
 
 @part

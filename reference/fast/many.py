@@ -28,8 +28,8 @@ from reference.fast.harvest import (
     steps_until_lowered,
     store,
 )
-from reference.fast.known import fastest_flow, pace_of
-from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, mean, settle
+from reference.fast.known import fastest_flow, renew_paces
+from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, settle
 from reference.fast.pieces import STATE, Block, World, found_of, share_out
 from reference.fast.sweep import highest_of
 from reference.fast.watch import AHEAD
@@ -188,9 +188,7 @@ def march_many(
         if spent < math.inf:
             spent = 2.0 * farthest(s, origin, periods)
         if not spent <= WIDE * largest - skin:
-            mean_x, mean_y = mean(s.vx, n), mean(s.vy, n)
-            for i in range(n):
-                w.pace[i] = pace_of(s, i, mean_x, mean_y)
+            mean_x, mean_y = renew_paces(s, w.pace)
             spent, skin, pairs = 0.0, SKIN * largest, list_wide(s, largest, periods, origin)
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
