@@ -31,7 +31,7 @@ from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes.python_driver import PythonCallback
 from cmpcheck.pool import problem_of, run_tasks
 from cmpcheck.study import contact_settings
-from cmpcheck.suite import Task, run_task
+from cmpcheck.variant_task import Task, run_task
 from reference.case import Case, load_case
 from reference.process import build_setup
 

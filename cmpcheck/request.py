@@ -18,7 +18,7 @@ from cmpcheck.engines import engine_names, make_engine
 from cmpcheck.outputs import write_whole
 from cmpcheck.published import benchmark_names, load_benchmark
 from cmpcheck.shell import BadInput
-from cmpcheck.suite import comparable_cases, variants_by_case
+from cmpcheck.suite_cases import comparable_cases, variants_by_case
 from cmpcheck.trajectories import Options, Trajectories, requested
 from reference.case import available_cases, load_case
 from reference.toml_source import nearest

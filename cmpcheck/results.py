@@ -1,4 +1,4 @@
-"""What the suite found: plain records between `suite.py`, which fills them, and the report, which shows them.
+"""What the suite found: plain records between the tasks, which fill them, and the report, which shows them.
 
 No computing and no formatting here.  All numbers are SI floats.
 """

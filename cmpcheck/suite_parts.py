@@ -32,7 +32,7 @@ class ComponentTask:
 
     kind: ClassVar[str] = COMPONENTS  # under which its result is kept
     name: ClassVar[str] = COMPONENTS
-    cost: ClassVar[float] = 0.0  # see `suite.Task.cost`: little
+    cost: ClassVar[float] = 0.0  # see `variant_task.Task.cost`: little
     label: ClassVar[str] = COMPONENTS
 
 

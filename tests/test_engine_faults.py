@@ -20,7 +20,7 @@ from cmpcheck.engines.liggghts import LiggghtsEngine
 from cmpcheck.engines.protocol import Resolution
 from cmpcheck.fixes import python_driver
 from cmpcheck.study import contact_settings
-from cmpcheck.suite import Task, run_task
+from cmpcheck.variant_task import Task, run_task
 from reference.case import CaseError, load_case
 from reference.process import build_setup
 

@@ -22,7 +22,7 @@ from cmpcheck.engines.reference import ReferenceEngine
 from cmpcheck.judges import Judge, judge_of
 from cmpcheck.results import Comparison
 from cmpcheck.study import align_outputs, engine_study, reference_study
-from cmpcheck.suite import is_ensemble
+from cmpcheck.suite_cases import is_ensemble
 from reference.case import available_cases, load_case
 from reference.process import build_setup
 from reference.recording import Run

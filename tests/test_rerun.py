@@ -14,6 +14,7 @@ from cmpcheck import suite
 from cmpcheck.report import report_json
 from cmpcheck.rerun import ROUND_OFF, compare_reports
 from cmpcheck.rerun_words import changes_json, changes_markdown, sentences
+from cmpcheck.variant_task import run_task
 from reference.case import CASES
 
 OWN = '{"schema": "cmpcheck-report/1", "provenance": {"request": {"cases": ["x"], "own_cases": ["x"]}}}'
@@ -28,7 +29,7 @@ def document() -> dict:
 def here(tmp_path, monkeypatch) -> Path:
     """An empty working directory; tasks run in this process, which has everything loaded."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(suite, "_in_processes", lambda tasks, jobs: ((t, suite.run_task(t)) for t in tasks))
+    monkeypatch.setattr(suite, "_in_processes", lambda tasks, jobs: ((t, run_task(t)) for t in tasks))
     return tmp_path
 
 

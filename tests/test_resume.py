@@ -24,6 +24,7 @@ from cmpcheck.outputs import OutputError
 from cmpcheck.records import RECORDS, from_json, settled, to_json
 from cmpcheck.report import report_json
 from cmpcheck.results import Chart, Column, Comparison, Curve, Estimate, Outcome, StudyResult, Table
+from cmpcheck.variant_task import run_task
 
 CASES = ("pair_stick", "couette_drift", "drag_relaxation")
 COMPARE = ("compare", *CASES, "--engine", "reference", "--jobs", 1, "--out", "report")
@@ -122,7 +123,7 @@ def test_another_comparison_is_not_gone_on_with(tmp_path):
 
 def in_here(tasks, jobs):
     """Tasks in this process, which has everything loaded."""
-    return ((task, suite.run_task(task)) for task in tasks)
+    return ((task, run_task(task)) for task in tasks)
 
 
 @pytest.fixture(autouse=True)
@@ -137,7 +138,7 @@ def stop_after(monkeypatch, finished: int, how: BaseException) -> None:
         for k, task in enumerate(tasks):
             if k == finished:
                 raise how
-            yield task, suite.run_task(task)
+            yield task, run_task(task)
 
     monkeypatch.setattr(suite, "_in_processes", some)
 

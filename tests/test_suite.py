@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from cmpcheck import suite
+from cmpcheck import suite, variant_task
 from cmpcheck.compare import compare_study
 from cmpcheck.engines.reference import ReferenceEngine
 from cmpcheck.judges import judge_of
@@ -25,10 +25,11 @@ from cmpcheck.judges.swarm import SwarmJudge
 from cmpcheck.judges.train import TrainJudge
 from cmpcheck.judges.wall import WallJudge
 from cmpcheck.published.run import BenchmarkTask
-from cmpcheck.results import Comparison, EngineInfo
+from cmpcheck.results import Comparison, EngineInfo, Outcome
 from cmpcheck.study import align_outputs, reference_study
-from cmpcheck.suite import Outcome, Task, run_suite, run_task
+from cmpcheck.suite import run_suite
 from cmpcheck.suite_parts import ComponentTask
+from cmpcheck.variant_task import Task, run_task
 from reference.case import CASES, CaseError, load_case
 from reference.process import build_setup
 from reference.recording import Run
@@ -130,7 +131,8 @@ def use(monkeypatch):
     def put(lammps, reference=None) -> None:
         engines = {"reference": reference or ReferenceEngine(), "lammps": lammps}
         monkeypatch.setattr(suite, "engine_names", lambda: tuple(engines))
-        monkeypatch.setattr(suite, "make_engine", lambda name, decks=None: engines[name])
+        for module in (suite, variant_task):
+            monkeypatch.setattr(module, "make_engine", lambda name, decks=None: engines[name])
 
     return put
 

@@ -20,6 +20,7 @@ from cmpcheck.engines.liggghts_wear import PRINTED, FinnieDeck
 from cmpcheck.fixes.calibration import damping_ratio
 from cmpcheck.studies import wear
 from cmpcheck.studies.sampling import changed
+from cmpcheck.studies.wear_laws import PAPER, Laws, judged
 from reference.case import load_case
 from reference.exact import (
     Wall,
@@ -39,9 +40,9 @@ STEPS = (100, 200, 400)
 
 
 @pytest.fixture(scope="module")
-def laws() -> wear.Laws:
+def laws() -> Laws:
     (case,) = changed(load_case(wear.CASE).variants()[0], material=wear.COPPER).variants()
-    return wear.Laws(case)
+    return Laws(case)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def test_the_integral_departs_from_the_law_of_the_impact():
 
 
 @pytest.mark.parametrize("speed, angle", [(1.0, 90.0), (1.0, 30.0), (0.1, 60.0)])
-def test_the_papers_removal_is_that_of_the_closed_form(laws: wear.Laws, speed: float, angle: float):
+def test_the_papers_removal_is_that_of_the_closed_form(laws: Laws, speed: float, angle: float):
     alumina, model = laws.modulus, laws.model
     modulus = alumina * model.surface_modulus / (alumina + model.surface_modulus)
     wall = Wall(0.5, modulus, 0.34, 0.3e9, 8960.0)
@@ -93,7 +94,7 @@ def test_the_papers_removal_is_that_of_the_closed_form(laws: wear.Laws, speed: f
     close(laws.paper(speed, angle), hit.removal.volume, rtol=1e-9)
 
 
-def test_where_the_papers_removal_is_zero(laws: wear.Laws):
+def test_where_the_papers_removal_is_zero(laws: Laws):
     assert laws.paper(1.0, 90.0) > 0.0
     assert laws.paper(1.0, 90.0, poisson_ratio=0.5) == 0.0
     assert laws.paper(0.0499, 90.0) == 0.0 < laws.paper(0.0501, 90.0)
@@ -106,11 +107,11 @@ def test_where_the_papers_removal_is_zero(laws: wear.Laws):
 @pytest.mark.parametrize("angle", [10.0, 30.0, 60.0])
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
 def test_liggghts_converges_at_first_order_to_the_integral(
-    laws: wear.Laws, deck: FinnieDeck, angle: float, restitution: float
+    laws: Laws, deck: FinnieDeck, angle: float, restitution: float
 ):
     impacts = [laws.impact(1.0, angle, n)._replace(restitution=restitution) for n in STEPS]
     volumes = np.array([float(deck.removed(impact).sum()) for impact in impacts])
-    one = wear.judged(laws, (1.0, angle), STEPS, volumes)
+    one = judged(laws, (1.0, angle), STEPS, volumes)
     assert one.verdict.status == "agree", one.verdict
     assert one.limit.credible
     # what is left of the error without its first order, which quadrature gives, is of second order
@@ -126,18 +127,18 @@ def test_liggghts_converges_at_first_order_to_the_integral(
 
 @needs_liggghts
 @pytest.mark.parametrize("wrong", ["k", "angle", "speed"])
-def test_another_law_is_told_from_liggghts(laws: wear.Laws, deck: FinnieDeck, wrong: str):
+def test_another_law_is_told_from_liggghts(laws: Laws, deck: FinnieDeck, wrong: str):
     changes = {
         "k": {"coefficient": 1.02 * laws.coefficient},
         "angle": {"angle": 60.0},  # sine and cosine exchanged
         "speed": {"speed": 1.01},
     }[wrong]
     volumes = [float(deck.removed(laws.impact(1.0, 30.0, n)._replace(**changes)).sum()) for n in STEPS]
-    assert wear.judged(laws, (1.0, 30.0), STEPS, volumes).verdict.status == "disagree"
+    assert judged(laws, (1.0, 30.0), STEPS, volumes).verdict.status == "disagree"
 
 
 @needs_liggghts
-def test_wear_is_by_triangle_and_its_volume_does_not_depend_on_the_mesh(laws: wear.Laws, deck: FinnieDeck):
+def test_wear_is_by_triangle_and_its_volume_does_not_depend_on_the_mesh(laws: Laws, deck: FinnieDeck):
     impact = laws.impact(1.0, 30.0, 100)
     whole = deck.removed(impact)
     fine = FinnieDeck(mesh=DECK.parent / "flat.stl")
@@ -152,12 +153,12 @@ def test_wear_is_by_triangle_and_its_volume_does_not_depend_on_the_mesh(laws: we
 
 
 @needs_liggghts
-def test_head_on_liggghts_wears_nothing(laws: wear.Laws, deck: FinnieDeck):
+def test_head_on_liggghts_wears_nothing(laws: Laws, deck: FinnieDeck):
     assert deck.removed(laws.impact(1.0, 90.0, 100)).sum() < 1e-25 * laws.integral(1.0, 45.0)
 
 
 @needs_liggghts
-def test_what_liggghts_refuses_is_an_error_in_its_words(laws: wear.Laws, tmp_path: Path):
+def test_what_liggghts_refuses_is_an_error_in_its_words(laws: Laws, tmp_path: Path):
     broken = tmp_path / "in.broken"
     broken.write_text(DECK.read_text("utf-8").replace("k_finnie", "k_archard"), "utf-8")
     bad = FinnieDeck(broken)
@@ -224,7 +225,7 @@ def test_the_study_says_what_it_measured(tmp_path: Path):
     assert {row[-1] for row in by_angle.rows + by_speed.rows} == {"agree"}
     power = {(row[0], row[1]): row[2].value for row in powers.rows}
     close(power["LIGGGHTS, finest steps", "v"], 2.0, rtol=1e-9)
-    close(power[wear.PAPER, "v"], 2.4, rtol=1e-3)  # 12/5 but for (x_p/R)^2
+    close(power[PAPER, "v"], 2.4, rtol=1e-3)  # 12/5 but for (x_p/R)^2
     head_on, incompressible, below, above = (row[3:] for row in zeros.rows)
     assert head_on[0] == 1.0
     assert max(head_on[1:]) < 1e-25

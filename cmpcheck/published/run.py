@@ -43,7 +43,7 @@ class BenchmarkTask:
     decks: dict[str, Path] = field(default_factory=dict)  # LAMMPS decks by benchmark, in place of ours
 
     kind: ClassVar[str] = "benchmarks"  # under which its result is kept
-    cost: ClassVar[float] = 0.0  # see `suite.Task.cost`: little beside the cases
+    cost: ClassVar[float] = 0.0  # see `variant_task.Task.cost`: little beside the cases
 
     @property
     def label(self) -> str:

@@ -30,7 +30,7 @@ from cmpcheck.sensitivity.mutants import Mutant
 from cmpcheck.sensitivity.patching import deck_file, patched
 from cmpcheck.sensitivity.switch import switched_on
 from cmpcheck.study import Study, align_outputs, engine_study, reference_study
-from cmpcheck.suite import comparable_cases, is_ensemble
+from cmpcheck.suite_cases import comparable_cases, is_ensemble
 from reference.case import Case, load_case
 from reference.process import build_setup
 from reference.recording import Run
@@ -214,7 +214,7 @@ def _deck(mutant: Mutant | None, size: float, tree: Path) -> Iterator[dict[str, 
 def _rows_of(
     mutant: Mutant | None, label: Label, on: Switch, run_lammps: bool, baseline: Baseline, decks: dict
 ) -> list[Any]:
-    """The comparisons of one variant, as `suite.run_task` makes them."""
+    """The comparisons of one variant, as `variant_task.run_task` makes them."""
     if label[0] == COMPONENTS:
         return []
     wrong = mutant is not None and mutant.side in ("reference", "both")
