@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +41,7 @@ HERE = Path(__file__).parent
 QUICK = HERE.parent / "build" / "benchmarks"
 
 
-def run_piece(name: str, quick: bool, command: str, results: Path) -> str:
+def run_piece(name: str, quick: bool, results: Path) -> str:
     """Run one piece and write what it has found; return why it failed, "" if it did not."""
     busy, begin = record.busy_cores(), perf_counter()
     print(f"{name}: {busy:.2f} cores are busy with other things", flush=True)
@@ -52,6 +51,7 @@ def run_piece(name: str, quick: bool, command: str, results: Path) -> str:
         return f"{type(error).__name__}: {error}"
     problem = str(found.pop("problem", ""))  # of a part of it: what was measured beside it is kept
     known = record.load(results)
+    command = f"python -m benchmarks --only {name}" + (" --quick" if quick else "")
     circumstances = record.conditions(command) | {
         "quick": quick, "busy_cores_before": busy, "load": os.getloadavg()[0],
         "took_s": perf_counter() - begin,
@@ -72,10 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(words)
     folder = chosen.out or (QUICK if chosen.quick else HERE)
     folder.mkdir(parents=True, exist_ok=True)
-    results, command = folder / "results.json", shlex.join(["python", "-m", "benchmarks", *words])
+    results = folder / "results.json"
     problems = {}
     for name in () if chosen.page else chosen.only or PIECES:
-        problem = run_piece(name, chosen.quick, command, results)
+        problem = run_piece(name, chosen.quick, results)
         if problem:
             problems[name] = problem
             print(f"{name} failed: {problem}", file=sys.stderr, flush=True)
