@@ -61,7 +61,6 @@ def run_piece(name: str, quick: bool, results: Path) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    words = sys.argv[1:] if arguments is None else list(arguments)
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--only", action="append", choices=PIECES, metavar="NAME", help=", ".join(PIECES))
     parser.add_argument(
@@ -69,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, help="folder of results.json and RESULTS.md")
     parser.add_argument("--page", action="store_true", help="measure nothing, write RESULTS.md anew")
-    chosen = parser.parse_args(words)
+    chosen = parser.parse_args(arguments)
     folder = chosen.out or (QUICK if chosen.quick else HERE)
     folder.mkdir(parents=True, exist_ok=True)
     results = folder / "results.json"

@@ -1,6 +1,6 @@
 """Who may touch whom: a periodic cell list, and pairs within a cutoff at a cost linear in N.
 
-Knows positions and periods only; which pairs overlap and approach is decided in `timestep.py`.
+Knows positions and periods only; which pairs overlap and approach is decided in `collisions.py`.
 """
 
 from __future__ import annotations

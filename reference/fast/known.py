@@ -1,7 +1,7 @@
 """What is known of each particle, so that it need not be looked at in every step of the fast stepper.
 
-The box that its velocity stays in, when it is looked at next, and what stays the same for all.  What the
-bounds are is `watch.py`; what is done for a particle, `particle.py`.
+When it is looked at next, how long its box of velocities (`swarm.py`) holds, and what stays the same for all.
+What the bounds are is `watch.py`; what is done for a particle, `particle.py`.
 """
 
 from __future__ import annotations
@@ -95,7 +95,10 @@ def fixed_of(model, numerics, dt, largest, mapped_within):
 
 @part
 def pace_of(s, i, mean_x, mean_y):
-    """The highest speed in the box of particle i, relative to a mean, m/s."""
+    """The highest speed in the box of particle i, relative to a mean, m/s.
+
+    Of one that has just gained mass it is of no use until the next step, which gives it another box first.
+    """
     return fastest(s.x_low[i], s.x_high[i], s.y_low[i], s.y_high[i], s.z_low[i], s.z_high[i], mean_x, mean_y)
 
 

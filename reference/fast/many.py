@@ -102,12 +102,12 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
         if fewer == steps and steps > 1 and model.has_surface:
             if run == 0:
                 mark_removers(harvest, again)
-            speed = max(speed, highest_of(world.w.pace))
-            close, within = reaches(world, block, speed, drift)
-            if not within <= width:
-                width = 1.1 * within
-                bins = bins_of(s, n, width, model.length_x, model.length_y)
             if run > 0 or again.any():
+                speed = max(speed, highest_of(world.w.pace))
+                close, within = reaches(world, block, speed, drift)
+                if not within <= width:
+                    width = 1.1 * within
+                    bins = bins_of(s, n, width, model.length_x, model.length_y)
                 spread_removals(
                     harvest, bins, s, met_surface, model.length_x, model.length_y, close, within, parent,
                     world.w.known, again,

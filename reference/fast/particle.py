@@ -83,7 +83,7 @@ def hit_surface(
         removes = rows[row, col.REMOVED_VOLUME] > 0.0
         if removes and model.mass_pickup:
             s.gained[i] = rows[row, col.REMOVED_MASS]
-            s.x_low[i] = math.inf  # its box holds no longer
+            s.x_low[i] = math.inf  # no velocity is in its box: it gets another one in the next step
         if removes or closing >= numerics.ledger_speed:
             row += 1
     else:

@@ -48,7 +48,7 @@ class Swarm(NamedTuple):
     contacts: np.ndarray  # how many there were; those of pairs with the first of them
     longest: np.ndarray  # duration of any of them, s
     met_surface: np.ndarray  # 1 where it has touched the surface
-    x_low: np.ndarray  # a box that w stays in until it is looked at again, if nothing is in its way, m/s
+    x_low: np.ndarray  # a box that w stays in as long as nothing but fluid and pad act on it, m/s
     x_high: np.ndarray
     y_low: np.ndarray
     y_high: np.ndarray
@@ -64,7 +64,7 @@ COMPONENTS = len(Swarm._fields) - 1
 class Scratch(NamedTuple):
     """Who is apart in a step, for N particles."""
 
-    thrown: np.ndarray  # (N,), particles whose contacts may have thrown them out of their boxes
+    thrown: np.ndarray  # (N,), particles that have left their boxes
     special: np.ndarray  # (N,), particles that are solved by themselves
     kept: np.ndarray  # (N, 9), position, velocity and impulse of the special ones before the step
     position: np.ndarray  # (3,), of one particle

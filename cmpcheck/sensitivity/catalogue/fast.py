@@ -69,8 +69,9 @@ MUTANTS = (
     ),
     Mutant(
         "fast: impulses twice", "a part of what contacts give is given again in the next step",
-        f"{FAST}/sweep.py:glide_sheared",
-        "j[i] = 0.0\n\n\n@part\ndef glide_along", "j[i] *= SIZE\n\n\n@part\ndef glide_along", 0.01, "%",
+        f"{FAST}/sweep.py:glide_along",
+        "(flow - w[i])\n        v[i] = s\n        x[i] += dt * s\n        j[i] = 0.0",
+        "(flow - w[i])\n        v[i] = s\n        x[i] += dt * s\n        j[i] *= SIZE", 0.01, "%",
     ),
     Mutant(
         "fast: pad and drag", "the pad's impulse is off by a factor where the drag is not linear",
