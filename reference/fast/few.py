@@ -84,7 +84,7 @@ def march_few(
     lists = lists_of(np.empty((0, 2), np.int64))
     for i in range(n):
         insert(w.due, ring, i, 0)
-    run[R.alone], run[R.fresh], run[R.spent] = 1.0, 1.0, math.inf
+    run[R.alone], run[R.spent] = 1.0, math.inf
     top_x, top_y = highest_node(heights)
     run[R.top_x], run[R.top_y] = top_x, top_y
     run[R.highest] = heights[top_x, top_y] if model.has_surface else 0.0

@@ -30,6 +30,7 @@ from reference.fast.harvest import (
 )
 from reference.fast.known import fastest_flow, renew_paces
 from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, settle
+from reference.fast.particle import speed_apart
 from reference.fast.pieces import STATE, Block, World, found_of, share_out
 from reference.fast.sweep import highest_of
 from reference.fast.watch import AHEAD
@@ -47,8 +48,8 @@ def start_speed(model, s, n, mean_x, mean_y):
     """The highest speed relative to the mean, m/s, before any box of velocities is known."""
     fastest = 0.0
     for i in range(n):
-        fastest = max(fastest, (s.vx[i] - mean_x) ** 2 + (s.vy[i] - mean_y) ** 2 + s.vz[i] ** 2)
-    return 2.0 * (math.sqrt(fastest) + model.pad_descent)
+        fastest = max(fastest, speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
+    return 2.0 * (fastest + model.pad_descent)
 
 
 @inner
@@ -78,9 +79,10 @@ def reaches(world, block, speed, drift):
 
 
 @inlined
-def try_block(world, block, parent, order, narrow, near, speed, state, met_surface):
+def try_block(world, seen, block, parent, order, narrow, near, speed, state, met_surface):
     """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
 
+    `seen` (nx, ny) is the surface as it is when the block begins, m.
     Where these are not all of its steps the surface is as before, and what is known of particles of no use.
     """
     model, fixed, s, steps = world.model, world.fixed, world.s, block.last - block.first
@@ -92,7 +94,7 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
         found = found_of(state, met_surface, parts)
         share_out(
             parts, block, found, model, world.numerics, fixed, world.t_start, world.largest, world.periods, s,
-            world.w, world.ceiling, world.heights, world.seen,
+            world.w, world.ceiling, world.heights,
         )  # fmt: skip
         for k in range(parts.member.size):
             harvest.latest[parts.member[k]] = run
@@ -125,14 +127,14 @@ def try_block(world, block, parent, order, narrow, near, speed, state, met_surfa
             fewer, worst = steps // 2, 0
         if fewer < steps:
             again[:] = True
-            copy_nodes(world.seen, world.heights, model.spacing, harvest, 1, again)
+            copy_nodes(seen, world.heights, model.spacing, harvest, 1, again)
             return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
         wanted[:] = False
         for i in range(n):
             wanted[parent[i]] |= again[i]
         for i in range(n):
             again[i] = wanted[parent[i]]
-        copy_nodes(world.seen, world.heights, model.spacing, harvest, 1, again)
+        copy_nodes(seen, world.heights, model.spacing, harvest, 1, again)
         run += 1
         block = Block(
             block.first, block.last, block.time, block.pad_height, block.mean_x, block.mean_y, block.top_x,
@@ -172,7 +174,7 @@ def march_many(
     n, dt = order.size, fixed.dt
     seen = ceiling.across  # memory that is of use only while the map is made
     copy_rows(heights, seen, 0, 0, heights.shape[0])
-    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen)
+    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights)
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
     skin = SKIN * largest
@@ -221,7 +223,7 @@ def march_many(
                 step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, highest, skin, True, anew
             )
             fewer, harvest, failed, culprit = try_block(
-                world, block, parent, order, lists.narrow, near, speed, state, met_surface
+                world, seen, block, parent, order, lists.narrow, near, speed, state, met_surface
             )
             begins = row_begins(harvest, t_start, dt, step, steps)
             made = fewer == steps

@@ -98,9 +98,10 @@ def hit_surface(
 
 
 @part
-def keep(s, special, kept, k, i):
+def keep(s, scratch, k, i):
     """Have particle i solved by itself, as number k, from what it is before the contacts of the step."""
-    special[k] = i
+    kept = scratch.kept
+    scratch.special[k] = i
     kept[k, 0], kept[k, 1], kept[k, 2] = s.x[i], s.y[i], s.z[i]
     kept[k, 3], kept[k, 4], kept[k, 5] = s.vx[i], s.vy[i], s.vz[i]
     kept[k, 6], kept[k, 7], kept[k, 8] = s.jx[i], s.jy[i], s.jz[i]
@@ -126,7 +127,7 @@ def set_apart(fixed, s, w, scratch, shear, some_outside, some_nonlinear):
     if some_nonlinear:
         for i in range(n):
             if w.nonlinear[i]:
-                keep(s, scratch.special, scratch.kept, special, i)
+                keep(s, scratch, special, i)
                 special += 1
     if some_outside:
         for i in range(n):
@@ -134,7 +135,7 @@ def set_apart(fixed, s, w, scratch, shear, some_outside, some_nonlinear):
                 scratch.thrown[thrown] = i
                 thrown += 1
                 if not w.nonlinear[i] and (s.gained[i] > 0.0 or too_fast(fixed, s, i, shear)):
-                    keep(s, scratch.special, scratch.kept, special, i)
+                    keep(s, scratch, special, i)
                     special += 1
     return thrown, special
 

@@ -71,7 +71,6 @@ class World(NamedTuple):
     w: Watch
     ceiling: Ceiling
     heights: np.ndarray  # (nx, ny), m
-    seen: np.ndarray  # (nx, ny), those at the beginning of a block, m
 
 
 class Desk(NamedTuple):
@@ -191,10 +190,9 @@ def advance_piece(desk, lists, member, block, found, rows, used, world):
 @shared
 def advance_chunk(
     chunk, parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights,
-    seen,
 ):  # fmt: skip
     """`advance_piece` for the pieces of one chunk."""
-    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen)
+    world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights)
     begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, parts.cuts.size - 1)
     most, most_pairs = 0, 0
     for piece in range(begin, end):
@@ -215,13 +213,13 @@ def advance_chunk(
 
 @threaded
 def share_out(
-    parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights, seen
+    parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights
 ):  # fmt: skip
     """`advance_chunk` for all chunks; a threaded loop is not given tuples of tuples, like a world."""
     for chunk in numba.prange(found.used.size):
         advance_chunk(
             np.int64(chunk), parts, block, found, model, numerics, fixed, t_start, largest, periods, s, w,
-            ceiling, heights, seen,
+            ceiling, heights,
         )  # fmt: skip
 
 
