@@ -82,29 +82,47 @@ def _bin_particles(position, low, cell, counts):
     return first, order
 
 
+@part
+def _runs_of_cells(index, reach, count, periodic):
+    """Cells index - reach ... index + reach of an axis, in order, as two runs: (begin, end, begin, end)."""
+    low, high = index - reach, index + reach + 1
+    if not periodic:
+        return max(low, 0), min(high, count), 0, 0
+    if low < 0:
+        return low + count, count, 0, high
+    if high > count:
+        return low, count, 0, high - count
+    return low, high, 0, 0
+
+
 @kernel
 def _scan_cells(position, cutoff, periods, low, cell, counts, first, order, pairs):
-    """Write each pair i < j within the cutoff to `pairs` while there is room; return how many there are."""
+    """Write each pair i < j within the cutoff to `pairs` while there is room; return how many there are.
+
+    Cells along the last axis that has several stand one behind the other, and so do their particles.
+    """
     found = 0
-    index = np.empty(3, np.int64)
-    reach = np.empty(3, np.int64)
+    index, reach = np.empty(3, np.int64), np.empty(3, np.int64)
     half_x, half_y, half_z = half_period(periods[0]), half_period(periods[1]), half_period(periods[2])
     for axis in range(3):
         reach[axis] = 0 if counts[axis] == 1 else 1
+    last, middle, stride = (2, 1, counts[2]) if counts[2] > 1 else (1, 2, 1)
     for i in range(position.shape[0]):
         _cell_index(position[i], low, cell, counts, index)
+        begin, end, begin_again, end_again = _runs_of_cells(
+            index[last], reach[last], counts[last], periods[last] > 0.0
+        )
         for a in range(index[0] - reach[0], index[0] + reach[0] + 1):
             if periods[0] == 0.0 and (a < 0 or a >= counts[0]):
                 continue
-            for b in range(index[1] - reach[1], index[1] + reach[1] + 1):
-                if periods[1] == 0.0 and (b < 0 or b >= counts[1]):
+            for b in range(index[middle] - reach[middle], index[middle] + reach[middle] + 1):
+                if periods[middle] == 0.0 and (b < 0 or b >= counts[middle]):
                     continue
-                row = (_neighboring(a, counts[0]) * counts[1] + _neighboring(b, counts[1])) * counts[2]
-                for c in range(index[2] - reach[2], index[2] + reach[2] + 1):
-                    if periods[2] == 0.0 and (c < 0 or c >= counts[2]):
-                        continue
-                    k = row + _neighboring(c, counts[2])
-                    for slot in range(first[k], first[k + 1]):
+                row = _neighboring(a, counts[0]) * counts[1] * counts[2]
+                row += _neighboring(b, counts[middle]) * stride
+                for run in range(2 if end_again > begin_again else 1):
+                    head, tail = (begin, end) if run == 0 else (begin_again, end_again)
+                    for slot in range(first[row + head], first[row + tail]):
                         j = order[slot]
                         if j <= i:
                             continue
@@ -144,10 +162,14 @@ def _cells(position, width, periods):
 
 
 @kernel
-def cell_order(position, width, periods):
-    """Numbers of the particles (N,), cell by cell of a `width` (m) or more; the rest as `neighbor_pairs`."""
+def by_cells(position, width, periods):
+    """Numbers of the particles cell by cell of a `width` (m) or more, and where the cells begin.
+
+    Two arrays, (N,) and (cells + 1,); the rest as `neighbor_pairs`.
+    """
     low, cell, counts = _cells(position, width, periods)
-    return _bin_particles(position, low, cell, counts)[1]
+    first, order = _bin_particles(position, low, cell, counts)
+    return order, first
 
 
 @kernel

@@ -63,7 +63,6 @@ class Run(NamedTuple):
     top_y: int = 12
     highest: int = 13  # its height, m
     alone: int = 14  # 1 where there are no other particles than those given
-    frozen: int = 15  # 1 where the surface is left as it is
 
 
 R = Run()
@@ -71,14 +70,13 @@ R = Run()
 
 @kernel
 def march_few(
-    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, order, heights,
-    rows,
-):  # fmt: skip
+    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, heights, rows
+):
     """Make steps until all are made, or until something is in the way; see `stepper.advance_fast`.
 
-    The same arguments as those of `many.march_many`; particles stand in the order of everyone else.
+    Particles stand in the order of everyone else.
     """
-    n = order.size
+    n = w.pace.size
     ring, origin = ring_of(n), Origin(np.empty(n), np.empty(n), np.empty(n))
     scratch, meeting, c, run = scratch_of(n), np.empty(LANES, np.uint32), batch(), np.zeros(len(R))
     lists = lists_of(np.empty((0, 2), np.int64))
@@ -175,7 +173,7 @@ def march(
                 touching, nx, ny, nz, qx, qy, qz, steps = find_surface(
                     model, fixed, heights, ceiling.height, f, w, i, step, same_box
                 )
-                f.met_surface[i] = 1.0 if touching else f.met_surface[i]
+                f.met_surface[i] = step if touching else f.met_surface[i]
                 closing = -(f.vx[i] * nx + f.vy[i] * ny + f.vz[i] * nz) if touching else 0.0
                 if closing > 0.0:
                     row, lasting = hit_surface(
@@ -250,7 +248,7 @@ def march(
         if status != DONE:
             row = begin
             break
-        if struck > begin and run[R.frozen] == 0.0:
+        if struck > begin:
             removed = take_off(model, heights, progress, rows, begin, struck, largest, w.changed, step)
             if removed and alone and heights[top_x, top_y] < highest:
                 top_x, top_y = highest_node(heights)

@@ -11,10 +11,10 @@ import numpy as np
 
 from reference.compiled import inner, part
 from reference.fast.swarm import MANY
-from reference.timestep import wrap
 
-PIECE = 256  # particles, from which on a piece is large enough: what is known of them fits a core's own cache
-GROUP = MANY - PIECE  # particles of a group, at most: a piece to which it is added has room for them
+PIECE = 256  # particles of a tile, about, and of a piece: what is known of them fits a core's own cache
+FULL = 2 * PIECE  # particles from which on a piece is full
+GROUP = MANY - FULL  # particles of a group, at most: a piece to which it is added has room for them
 
 
 class Parts(NamedTuple):
@@ -24,13 +24,6 @@ class Parts(NamedTuple):
     cuts: np.ndarray  # (F + 1,), where in `member` the pieces begin
     pair: np.ndarray  # (B, 2), pairs, piece by piece: numbers of particles within their piece
     pair_cuts: np.ndarray  # (F + 1,)
-
-
-class Bins(NamedTuple):
-    """Which of N particles are in which bin of the plane: one linked list each."""
-
-    first: np.ndarray  # (bins along x, bins along y), the first particle, or -1
-    after: np.ndarray  # (N,), the next one in the same bin, or -1
 
 
 @part
@@ -73,19 +66,28 @@ def largest_group(parent):
 
 
 @inner
-def part_out(parent, wanted, order, narrow, near):
+def part_out(parent, wanted, order, tiles, narrow, near):
     """Pieces of the groups that are `wanted` (N,), by their first particles, at which `parent` points.
 
-    `narrow` has `near` pairs; of the two the one that comes first in `order` is the first one in its piece.
+    A piece is of one tile: these begin at the particles `tiles`.  `narrow` has `near` pairs; of the two the
+    one that comes first in `order` is the first one in its piece.
     """
     n = parent.size
     size, start, piece_of = np.zeros(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    chosen, count = np.empty(n, np.uint32), 0
     for i in range(n):
-        size[parent[i]] += 1
-    cuts, pieces, placed = np.zeros(n // PIECE + 2, np.int64), 0, 0
-    for i in range(n):
-        if parent[i] == i and wanted[i]:
-            if placed - cuts[pieces] >= PIECE:
+        if wanted[parent[i]]:
+            size[parent[i]] += 1
+            chosen[count] = i
+            count += 1
+    cuts, pieces, placed, tile = np.zeros(n // FULL + tiles.size + 1, np.int64), 0, 0, 0
+    for i in chosen[:count]:
+        if parent[i] == i:
+            begun = tiles[tile]
+            while tiles[tile + 1] <= i:
+                tile += 1
+            ends = tiles[tile] > begun or placed - cuts[pieces] >= FULL
+            if ends and placed > cuts[pieces]:
                 pieces += 1
                 cuts[pieces] = placed
             start[i], piece_of[i] = placed, pieces
@@ -94,11 +96,10 @@ def part_out(parent, wanted, order, narrow, near):
         pieces += 1
         cuts[pieces] = placed
     member, place = np.empty(placed, np.uint32), np.empty(n, np.uint32)
-    for i in range(n):
+    for i in chosen[:count]:
         first = parent[i]
-        if wanted[first]:
-            member[start[first]], place[i] = i, start[first] - cuts[piece_of[first]]
-            start[first] += 1
+        member[start[first]], place[i] = i, start[first] - cuts[piece_of[first]]
+        start[first] += 1
     pair, pair_cuts = pairs_of(parent, wanted, order, narrow, near, piece_of, place, pieces)
     return Parts(member, cuts[: pieces + 1], pair, pair_cuts)
 
@@ -106,37 +107,21 @@ def part_out(parent, wanted, order, narrow, near):
 @inner
 def pairs_of(parent, wanted, order, narrow, near, piece_of, place, pieces):
     """The pairs of each piece, and where they begin: see `part_out`."""
-    cuts = np.zeros(pieces + 1, np.int64)
+    cuts, chosen, count = np.zeros(pieces + 1, np.int64), np.empty(near, np.uint32), 0
     for k in range(near):
         first = parent[narrow[2 * k]]
         if wanted[first]:
             cuts[piece_of[first] + 1] += 1
+            chosen[count] = k
+            count += 1
     for piece in range(pieces):
         cuts[piece + 1] += cuts[piece]
     pair, at = np.empty((cuts[pieces], 2), np.uint32), cuts.copy()
-    for k in range(near):
+    for k in chosen[:count]:
         i, j = narrow[2 * k], narrow[2 * k + 1]
-        if wanted[parent[i]]:
-            if order[i] > order[j]:
-                i, j = j, i
-            piece = piece_of[parent[i]]
-            pair[at[piece], 0], pair[at[piece], 1] = place[i], place[j]
-            at[piece] += 1
+        if order[i] > order[j]:
+            i, j = j, i
+        piece = piece_of[parent[i]]
+        pair[at[piece], 0], pair[at[piece], 1] = place[i], place[j]
+        at[piece] += 1
     return pair, cuts
-
-
-@part
-def bin_of(x, length, bins):
-    """Number of the bin, along one axis, of a position; `length` is the period."""
-    return min(int(wrap(x, length) / length * bins), bins - 1)
-
-
-@inner
-def bins_of(s, n, width, length_x, length_y):
-    """Bins, at least `width` (m) wide, of the first n particles."""
-    across, along = max(1, int(length_x / width)), max(1, int(length_y / width))
-    bins = Bins(np.full((across, along), -1, np.int32), np.empty(n, np.int32))
-    for i in range(n):
-        a, b = bin_of(s.x[i], length_x, across), bin_of(s.y[i], length_y, along)
-        bins.after[i], bins.first[a, b] = bins.first[a, b], i
-    return bins

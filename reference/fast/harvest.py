@@ -13,7 +13,8 @@ import numpy as np
 
 from reference import ledger as col
 from reference.compiled import inner, part
-from reference.fast.groups import bin_of, unite
+from reference.fast.bins import bin_of
+from reference.fast.groups import unite
 from reference.fast.known import COLUMNS, K
 from reference.neighbors import minimum_image
 
@@ -26,13 +27,17 @@ class Harvest(NamedTuple):
     rows: np.ndarray  # (rows, WIDTH)
     run: np.ndarray  # (rows,), of which run
     used: np.ndarray  # (1,), how many rows there are
-    latest: np.ndarray  # (N,), the last run of a particle: 0 is that with the surface left as it is
+    latest: np.ndarray  # (N,), the last run of a particle
+    piece: np.ndarray  # (N,), the piece in which it was then: no two runs have one of the same number
 
 
 @inner
 def harvest_of(n):
     """Nothing yet, of n particles."""
-    return Harvest(np.empty((n, WIDTH)), np.empty(n, np.int64), np.zeros(1, np.int64), np.zeros(n, np.int64))
+    return Harvest(
+        np.empty((n, WIDTH)), np.empty(n, np.int64), np.zeros(1, np.int64), np.empty(n, np.int64),
+        np.empty(n, np.int64),
+    )  # fmt: skip
 
 
 @inner
@@ -53,13 +58,15 @@ def bring_in(harvest, found, run):
     total = used + found.used.sum()
     if total > harvest.run.size:
         room = 2 * total
-        wider = Harvest(np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.latest)
+        wider = Harvest(
+            np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.latest, harvest.piece
+        )
         copy_rows(harvest.rows, wider.rows, 0, 0, used)
         for k in range(used):
             wider.run[k] = harvest.run[k]
         harvest = wider
     for chunk in range(found.used.size):
-        copy_rows(found.rows[chunk], harvest.rows, 0, used, found.used[chunk])
+        copy_rows(found.rows, harvest.rows, found.begins[chunk], used, found.used[chunk])
         for _ in range(found.used[chunk]):
             harvest.run[used] = run
             used += 1
@@ -74,11 +81,17 @@ def counts(harvest, k):
 
 
 @part
+def step_of(out, t_start, dt):
+    """The step of a ledger row."""
+    return int((out[col.TIME] - t_start) / dt + 0.5)
+
+
+@part
 def place_of(out, t_start, dt, first):
     """Where a ledger row belongs: 3 times its step in the block; of a step surface, pairs, pad."""
     kind = int(out[col.KIND])
     at = 0 if kind == col.KIND_SURFACE else (1 if kind == col.KIND_PAIR else 2)
-    return 3 * (int((out[col.TIME] - t_start) / dt + 0.5) - first) + at
+    return 3 * (step_of(out, t_start, dt) - first) + at
 
 
 @inner
@@ -105,21 +118,6 @@ def store(harvest, begins, t_start, dt, first, rows, row):
 
 
 @inner
-def copy_nodes(source, target, spacing, harvest, first_run, again):
-    """Copy heights around the removals of runs from `first_run` on, of particles that are in `again` (N,)."""
-    for k in range(harvest.used[0]):
-        out = harvest.rows[k]
-        if out[col.REMOVED_VOLUME] <= 0.0 or harvest.run[k] < first_run or not counts(harvest, k):
-            continue
-        if again[int(out[col.I])]:
-            i, j = math.floor(out[col.X] / spacing), math.floor(out[col.Y] / spacing)
-            for a in range(i, i + 2):
-                for b in range(j, j + 2):
-                    x, y = a % source.shape[0], b % source.shape[1]
-                    target[x, y] = source[x, y]
-
-
-@inner
 def steps_until_lowered(harvest, i_node, j_node, shape, spacing, t_start, dt, first, steps):
     """After how many of a block's steps someone first takes something off next to a node; or `steps`."""
     for k in range(harvest.used[0]):
@@ -127,44 +125,51 @@ def steps_until_lowered(harvest, i_node, j_node, shape, spacing, t_start, dt, fi
         if out[col.REMOVED_VOLUME] > 0.0 and counts(harvest, k):
             i, j = math.floor(out[col.X] / spacing), math.floor(out[col.Y] / spacing)
             if (i_node - i) % shape[0] <= 1 and (j_node - j) % shape[1] <= 1:
-                steps = min(steps, place_of(out, t_start, dt, first) // 3 + 1)
+                steps = min(steps, step_of(out, t_start, dt) - first + 1)
     return steps
 
 
 @inner
-def mark_removers(harvest, again):
-    """Mark the particles that take something off the surface."""
+def removes(harvest):
+    """Whether anybody takes something off the surface."""
     for k in range(harvest.used[0]):
-        if harvest.rows[k, col.REMOVED_VOLUME] > 0.0:
-            again[int(harvest.rows[k, col.I])] = True
+        if harvest.rows[k, col.REMOVED_VOLUME] > 0.0 and counts(harvest, k):
+            return True
+    return False
 
 
 @inner
-def spread_removals(
-    harvest, bins, s, met_surface, length_x, length_y, close, within, parent, known, again
-):  # fmt: skip
-    """Have those around the removals know of them, as far as these matter to them.
+def spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run):
+    """Have those around removals know of them, if one or the other is of this `run` and it may matter.
 
-    Who is `close` (m) and has met the surface, or is `within` (m, more) and moved while it falls, becomes one
-    group with the particle that removes, which is marked in `again`.  From others the surface can only be
-    farther away than it was, but another triangle may be the closest: those `within` forget which are close.
+    Who is in another piece, `close` (m) to a removal, and has touched the surface since, becomes one group
+    with the particle that removes, which is marked in `again`.  From others the surface can only be farther
+    away than it was, but another triangle may be the closest: those `within` (m, more) forget which are
+    close, if they have not looked since.
     """
+    s, known = world.s, world.w.known
     across, along = bins.first.shape
+    length_x, length_y = world.model.length_x, world.model.length_y
     for k in range(harvest.used[0]):
         out = harvest.rows[k]
         if out[col.REMOVED_VOLUME] <= 0.0 or not counts(harvest, k):
             continue
         x, y, mover = out[col.X], out[col.Y], int(out[col.I])
+        step = step_of(out, world.t_start, world.fixed.dt)
         a, b = bin_of(x, length_x, across), bin_of(y, length_y, along)
+        before = harvest.latest[mover] < run
+        if before and bins.run[a, b] < run:
+            continue
         for da in range(-1, 2):
             for db in range(-1, 2):
                 i = np.int64(bins.first[(a + da) % across, (b + db) % along])
                 while i >= 0:
                     dx, dy = minimum_image(s.x[i] - x, length_x), minimum_image(s.y[i] - y, length_y)
-                    square = dx * dx + dy * dy
-                    if square <= within * within:
-                        if harvest.latest[i] > 0 or (met_surface[i] and square <= close * close):
+                    square, told = dx * dx + dy * dy, not before or harvest.latest[i] == run
+                    if told and square <= within * within:
+                        others = harvest.piece[i] != harvest.piece[mover]
+                        if others and met_surface[i] > step and square <= close * close:
                             again[mover] |= unite(parent, mover, i)
-                        else:
+                        elif others or known[COLUMNS * i + K.looked] <= step:
                             known[COLUMNS * i + K.until] = -1.0
                     i = np.int64(bins.after[i])

@@ -41,7 +41,7 @@ class Watch(NamedTuple):
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
     close: np.ndarray  # (3 MOST_CLOSE N,), squares and sides of triangles that may be touched soon
     number: np.ndarray  # (N,), how many
-    changed: np.ndarray  # (nx, ny), step of the last removal near a square
+    changed: np.ndarray  # (nx, ny), step of the last removal near a square; of a window, or few particles
 
 
 def know_all(n, shape):
@@ -68,6 +68,7 @@ class Fixed(NamedTuple):
     way: float  # AHEAD steps, s
     per_spacing: float  # one over the spacing of the nodes, 1/m
     around: float  # m, within which a particle may move for the map of the surface's maxima to hold
+    room: float  # m, by which a look at the surface may reach ahead at most
 
 
 @part
@@ -76,8 +77,8 @@ def fastest_flow(model):
     return max(abs(model.wall_speed), math.hypot(model.flow_x, model.flow_y))
 
 
-def fixed_of(model, numerics, dt, largest, mapped_within):
-    """`Fixed` for steps of `dt` and a map of the surface that looks `mapped_within` (m) around."""
+def fixed_of(model, numerics, dt, largest, mapped_within, room):
+    """`Fixed` for steps of `dt`; the map of the surface looks `mapped_within` (m) around."""
     couette = model.flow == FLOW_COUETTE
     viscous = model.viscosity / model.fluid_density if model.fluid_density > 0.0 else math.inf
     remarkable = numerics.ledger_speed
@@ -89,7 +90,7 @@ def fixed_of(model, numerics, dt, largest, mapped_within):
         viscous * viscous,
         0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
         remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
-        SAFETY * mapped_within - 0.5 * largest,
+        SAFETY * mapped_within - 0.5 * largest, room,
     )  # fmt: skip
 
 

@@ -2,8 +2,8 @@
 
 For as many steps as no two particles of different groups can touch each other, a group need not know of the
 others: pieces of whole groups are moved one after another, or by threads, each in memory of a core's own.
-Groups meet in the surface alone.  First each leaves it as it is.  Where it would have fallen, those who touch
-it nearby become one group, and these are moved again while it falls; until that brings no others together.
+Groups meet in the surface alone, of which each piece lowers a copy.  Where one has lowered it and somebody of
+another piece touches it nearby later, both become one group, which is moved again; until nobody does.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import math
 import numpy as np
 
 from reference import ledger as col
+from reference.collisions import commit_removal
 from reference.compiled import inlined, inner, kernel
+from reference.fast.bins import empty_bins, enlist
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
-from reference.fast.events import book_contacts, book_removals, take_off, told_of
-from reference.fast.groups import GROUP, Bins, bins_of, group_pairs, largest_group, part_out
+from reference.fast.events import book_contacts, book_removals, told_of
+from reference.fast.groups import GROUP, group_pairs, largest_group, part_out
 from reference.fast.harvest import (
     bring_in,
-    copy_nodes,
-    copy_rows,
     harvest_of,
-    mark_removers,
+    removes,
     row_begins,
     spread_removals,
     steps_until_lowered,
@@ -64,58 +64,56 @@ def fewest(found, steps):
 
 @inner
 def reaches(world, block, speed, drift):
-    """How far from a removal it may matter, m: to who has met the surface; to who is moved while it falls.
+    """How far from a removal it may matter, m: to who touches the surface; to who looks at it.
 
     Counted from where all are when the block begins; none moves faster than `speed` and `drift` (m/s).
     """
     model, fixed = world.model, world.fixed
-    way = 0.5 * block.skin + (block.last - block.first) * fixed.dt * drift
     # who may touch a triangle which it lowers, two diagonals of a square away
-    close = 0.5 * world.largest + 3.0 * model.spacing + way
+    close = 0.5 * world.largest + 3.0 * model.spacing + block.way
     # who looks at one, squares around, or is told
     ahead = fixed.way * (speed + drift + fastest_flow(model) + model.pad_descent)
     look = 1.5 * (0.5 * world.largest + ahead) + 3.0 * model.spacing
-    return close, way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
+    return close, block.way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
 
 
 @inlined
-def try_block(world, seen, block, parent, order, narrow, near, speed, state, met_surface):
+def try_block(world, block, parent, order, tiles, narrow, near, speed, state, met_surface, aware):
     """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
 
-    `seen` (nx, ny) is the surface as it is when the block begins, m.
-    Where these are not all of its steps the surface is as before, and what is known of particles of no use.
+    Where these are not all of its steps what is known of particles is of no use.
     """
     model, fixed, s, steps = world.model, world.fixed, world.s, block.last - block.first
     n, drift = parent.size, math.hypot(block.mean_x, block.mean_y)
     again, wanted, harvest = np.zeros(n, np.bool_), np.ones(n, np.bool_), harvest_of(n)
-    bins, width, run = Bins(np.empty((0, 0), np.int32), np.empty(0, np.int32)), 0.0, 0
+    bins, width, run, pieces = empty_bins(0, 1.0, 0.0, 0.0), 0.0, 0, 0
     while True:
-        parts = part_out(parent, wanted, order, narrow, near)
-        found = found_of(state, met_surface, parts)
+        parts = part_out(parent, wanted, order, tiles, narrow, near)
+        found = found_of(state, met_surface, aware, parts)
         share_out(
             parts, block, found, model, world.numerics, fixed, world.t_start, world.largest, world.periods, s,
             world.w, world.ceiling, world.heights,
         )  # fmt: skip
-        for k in range(parts.member.size):
-            harvest.latest[parts.member[k]] = run
+        for piece in range(parts.cuts.size - 1):
+            for k in range(parts.cuts[piece], parts.cuts[piece + 1]):
+                harvest.latest[parts.member[k]], harvest.piece[parts.member[k]] = run, pieces
+            pieces += 1
         harvest = bring_in(harvest, found, run)
         fewer, worst = fewest(found, steps)
         again[:] = False
-        if fewer == steps and steps > 1 and model.has_surface:
-            if run == 0:
-                mark_removers(harvest, again)
-            if run > 0 or again.any():
-                speed = max(speed, highest_of(world.w.pace))
-                close, within = reaches(world, block, speed, drift)
-                if not within <= width:
-                    width = 1.1 * within
-                    bins = bins_of(s, n, width, model.length_x, model.length_y)
-                spread_removals(
-                    harvest, bins, s, met_surface, model.length_x, model.length_y, close, within, parent,
-                    world.w.known, again,
-                )  # fmt: skip
+        if fewer == steps and removes(harvest):
+            speed = max(speed, highest_of(world.w.pace))
+            close, within = reaches(world, block, speed, drift)
+            if not within <= width:
+                width = 1.1 * within
+                bins = empty_bins(n, width, model.length_x, model.length_y)
+                everyone = np.arange(n).astype(np.uint32)
+                enlist(bins, s, everyone, aware, model.length_x, model.length_y, 0)
+            if run > 0:
+                enlist(bins, s, parts.member, aware, model.length_x, model.length_y, run)
+            spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run)
         if fewer == steps and not again.any():
-            if run > 0 and model.has_pad and world.heights[block.top_x, block.top_y] < block.highest:
+            if model.has_pad and model.has_surface:
                 fewer = steps_until_lowered(
                     harvest, block.top_x, block.top_y, world.heights.shape, model.spacing, world.t_start,
                     fixed.dt, block.first, steps,
@@ -126,19 +124,14 @@ def try_block(world, seen, block, parent, order, narrow, near, speed, state, met
         elif fewer == steps and largest_group(parent) > GROUP:
             fewer, worst = steps // 2, 0
         if fewer < steps:
-            again[:] = True
-            copy_nodes(seen, world.heights, model.spacing, harvest, 1, again)
             return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
         wanted[:] = False
         for i in range(n):
             wanted[parent[i]] |= again[i]
-        for i in range(n):
-            again[i] = wanted[parent[i]]
-        copy_nodes(seen, world.heights, model.spacing, harvest, 1, again)
         run += 1
         block = Block(
             block.first, block.last, block.time, block.pad_height, block.mean_x, block.mean_y, block.top_x,
-            block.top_y, block.highest, block.skin, False, True,
+            block.top_y, block.highest, block.skin, block.way, True,
         )  # fmt: skip
 
 
@@ -163,24 +156,22 @@ def predicted(rate, steps):
 
 @kernel
 def march_many(
-    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, order, heights,
-    rows,
+    model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, heights, rows,
+    order, tiles,
 ):  # fmt: skip
     """Make steps until all are made, or until something is in the way; see `stepper.advance_fast`.
 
-    Particles stand cell by cell, so that those next to each other in space are so in memory: particle i is
-    the one order[i] for everyone else.
+    Particles stand tile by tile, which begin at `tiles`, so that those next to each other in space are so in
+    memory: particle i is the one order[i] for everyone else.
     """
     n, dt = order.size, fixed.dt
-    seen = ceiling.across  # memory that is of use only while the map is made
-    copy_rows(heights, seen, 0, 0, heights.shape[0])
     world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights)
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
     skin = SKIN * largest
     origin, lists = Origin(np.empty(n), np.empty(n), np.empty(n)), lists_of(np.empty((0, 2), np.int64))
-    parent, state, met_surface = np.empty(n, np.int64), np.empty((n, STATE)), np.empty(n, np.bool_)
-    everyone = np.ones(n, np.bool_)
+    parent, state = np.empty(n, np.int64), np.empty((n, STATE))
+    met_surface, aware = np.empty(n), np.empty(n, np.bool_)
     mean_x, mean_y, spent, rate = 0.0, 0.0, math.inf, 0.0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
     first_row, mapped, status = row, 0, DONE
@@ -195,7 +186,6 @@ def march_many(
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
-            copy_rows(heights, seen, 0, 0, heights.shape[0])
             mapped = step
         speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
         near = list_narrow_of(s, lists, skin, periods)
@@ -220,10 +210,11 @@ def march_many(
             if anew:
                 group_pairs(parent, lists.narrow, near)
             block = Block(
-                step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, highest, skin, True, anew
-            )
+                step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, highest, skin,
+                0.5 * skin + steps * dt * math.hypot(mean_x, mean_y), anew,
+            )  # fmt: skip
             fewer, harvest, failed, culprit = try_block(
-                world, seen, block, parent, order, lists.narrow, near, speed, state, met_surface
+                world, block, parent, order, tiles, lists.narrow, near, speed, state, met_surface, aware
             )
             begins = row_begins(harvest, t_start, dt, step, steps)
             made = fewer == steps
@@ -231,7 +222,6 @@ def march_many(
                 made, failed = False, LEDGER_FULL
                 while begins[3 * fewer] > rows.shape[0] - row:
                     fewer -= 1
-                copy_nodes(seen, heights, model.spacing, harvest, 1, everyone)
             if not made:
                 if fewer == 0 and steps == 1:
                     status, progress[P.culprit] = failed, order[culprit]
@@ -241,13 +231,10 @@ def march_many(
             break
         end = row + begins[3 * steps]
         store(harvest, begins, t_start, dt, step, rows, row)
-        if steps == 1:
-            take_off(model, heights, progress, rows, row, end, largest, w.changed, step)
-        else:
-            book_removals(progress, rows, row, end)
-        copy_nodes(heights, seen, model.spacing, harvest, 0, everyone)
         commit(s, state, progress, dt)
+        book_removals(progress, rows, row, end)
         for k in range(steps):
+            commit_removal(model, heights, rows, row + begins[3 * k], row + begins[3 * k + 1])
             if k == steps - 1 and model.has_surface and heights[top_x, top_y] < highest:
                 top_x, top_y = highest_node(heights)
                 highest = heights[top_x, top_y]

@@ -42,7 +42,8 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     a = min(int(x * fixed.per_spacing), above.shape[0] - 1)
     b = min(int(y * fixed.per_spacing), above.shape[1] - 1)
     clear = z - radius + fixed.way * min(z_low, 0.0) >= above[a, b]
-    clear = clear and fixed.way * max(x_high, -x_low, y_high, -y_low) <= fixed.around
+    ahead = fixed.way * max(x_high, -x_low, y_high, -y_low)
+    clear = clear and ahead <= fixed.around
     again = same_box and step <= known[row + K.until] and changed[a, b] < known[row + K.looked]
     again = again and abs(x - known[row + K.looked_x]) < fixed.half_x
     again = again and abs(y - known[row + K.looked_y]) < fixed.half_y
@@ -57,9 +58,10 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
         )  # fmt: skip
         steps = min(steps, int(known[row + K.until]) - step)
     else:
+        horizon = AHEAD if ahead <= fixed.room else int(fixed.room / ahead * AHEAD)
         touching, nx, ny, nz, qx, qy, qz, steps, others = look(
             heights, model.spacing, fixed.dt, i, x, y, z, radius,
-            x_low, x_high, y_low, y_high, z_low, z_high, AHEAD, close, number,
+            x_low, x_high, y_low, y_high, z_low, z_high, horizon, close, number,
         )  # fmt: skip
         known[row + K.until], known[row + K.looked] = step + others, step
         known[row + K.looked_x], known[row + K.looked_y] = x, y

@@ -7,6 +7,8 @@ answer key's.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from reference.fast.ceiling import ceiling_over
@@ -17,17 +19,18 @@ from reference.fast.many import CROWDED, march_many
 from reference.fast.swarm import MANY, bring_back, swarm_of
 from reference.fast.threads import as_many_as_help
 from reference.fast.watch import AHEAD, MARGIN
-from reference.neighbors import cell_order
+from reference.neighbors import by_cells
 from reference.timestep import P, advance
 
 BOOKED = ("contacts", "removals", "removed_volume", "removed_mass", "depth_sum")  # of the sums of a run
 
 
 def in_tiles(position, largest, periods):
-    """Numbers of the particles, cell by cell within tiles of as many as a piece has."""
-    order = cell_order(position, 2.0 * largest, periods)
+    """Numbers of the particles, cell by cell within tiles of as many as a piece has; where tiles begin."""
+    order, _ = by_cells(position, 2.0 * largest, periods)
     tile = np.sqrt(PIECE / len(position) * np.prod(np.ptp(position[:, :2], axis=0)))
-    return order[cell_order(position[order], max(tile, 2.0 * largest), periods)]
+    tile_order, tiles = by_cells(position[order], max(tile, 2.0 * largest), periods)
+    return order[tile_order], tiles
 
 
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
@@ -37,18 +40,21 @@ def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows)
     periods = np.array([model.length_x, model.length_y, model.length_z])
     largest = p.diameter.max(initial=0.0)
     many = n >= MANY
-    order = in_tiles(p.position, largest, periods) if many else np.arange(n)
-    s, w = swarm_of(model, dt, p, order), know_all(n, heights.shape)
-    way = (1.0 + MARGIN) * AHEAD * dt * fastest_flow(model)
+    order, tiles = in_tiles(p.position, largest, periods) if many else (np.arange(n), None)
+    s, w = swarm_of(model, dt, p, order), know_all(n, (0, 0) if many else heights.shape)
+    ahead = (1.0 + MARGIN) * AHEAD * dt
+    way = ahead * fastest_flow(model)
     ceiling = ceiling_over(heights, model.spacing, 0.5 * largest + way)
-    fixed = fixed_of(model, numerics, dt, largest, ceiling.reach)
+    room = math.inf  # pieces of many have a part of the surface alone
+    if many:
+        room = way if way > 0.0 else ahead * np.linalg.norm(p.velocity, axis=1).max()
+    fixed = fixed_of(model, numerics, dt, largest, ceiling.reach, room)
     arguments = (
-        model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling, order,
-        heights, rows,
+        model, numerics, fixed, progress, t_start, steps_left, largest, periods, s, w, ceiling, heights, rows,
     )  # fmt: skip
     if many:
         with as_many_as_help(n):
-            status = march_many(*arguments)
+            status = march_many(*arguments, order, tiles)
         if status == CROWDED:  # nothing that it had in memory of its own is of use to the answer key
             bring_back(model, s, p, order)
             left = steps_left - int(progress[P.steps] - before)

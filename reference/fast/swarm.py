@@ -47,7 +47,7 @@ class Swarm(NamedTuple):
     gained: np.ndarray  # mass picked up, kg
     contacts: np.ndarray  # how many there were; those of pairs with the first of them
     longest: np.ndarray  # duration of any of them, s
-    met_surface: np.ndarray  # 1 where it has touched the surface
+    met_surface: np.ndarray  # step in which it last touched the surface
     x_low: np.ndarray  # a box that w stays in as long as nothing but fluid and pad act on it, m/s
     x_high: np.ndarray
     y_low: np.ndarray

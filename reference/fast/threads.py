@@ -1,4 +1,4 @@
-"""How the loops over many particles are shared out among threads, and memory asked for ahead of its use.
+"""How the loops over many particles are shared out among threads.
 
 The chunks of a loop are the same however many threads take them, and what they find is put together in
 their order: the result does not depend on the number of threads.  No physics here.
@@ -6,15 +6,10 @@ their order: the result does not depend on the number of threads.  No physics he
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numba
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 ENOUGH = 5_000  # particles for each thread: two are 1.2 to 1.5 times as fast as one with 1e4 and more
 
@@ -51,31 +46,3 @@ def as_many_as_help(particles: int) -> Iterator[None]:
         yield
     finally:
         numba.set_num_threads(before)
-
-
-if numba.config.DISABLE_JIT:
-
-    def prefetch(array: Any, index: Any) -> None:
-        """Without the JIT nothing is asked for ahead."""
-
-else:
-
-    @intrinsic
-    def prefetch(typingctx: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
-        """Ask for the memory of array[index, 0, ...] without waiting for it."""
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            kind = signature.args[0]
-            found = context.make_array(kind)(context, builder, args[0])
-            strides = cgutils.unpack_tuple(builder, found.strides, kind.ndim)
-            offset = builder.mul(args[1], strides[0])
-            byte = ir.IntType(8).as_pointer()
-            address = builder.gep(builder.bitcast(found.data, byte), [offset])
-            i32 = ir.IntType(32)
-            function = cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(ir.VoidType(), [byte, i32, i32, i32]), "llvm.prefetch"
-            )
-            builder.call(function, [address, i32(0), i32(3), i32(1)])
-            return context.get_dummy_value()
-
-        return types.void(array, types.intp), codegen

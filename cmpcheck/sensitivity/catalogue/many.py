@@ -19,8 +19,8 @@ ERRORS = (
         "again[mover] |= False",
     ),
     Mutant(
-        "many: the surface as before", "what falls in a second try falls once more in the third",
-        f"{FAST}/many.py:try_block", "again[i] = wanted[parent[i]]", "again[i] = False",
+        "many: place in a window", "some positions are one node off in their piece's copy of the surface",
+        f"{FAST}/window.py:nodes_to", "return nodes - first if", "return nodes - first - 1 if",
     ),
     Mutant(
         "many: rows that count", "the ledger rows of a first try stay", f"{FAST}/harvest.py:counts",
@@ -31,8 +31,13 @@ ERRORS = (
         f"{FAST}/pieces.py:gather", "due = w.due[i]", "due = w.due[i] + 1",
     ),
     Mutant(
-        "many: the surface as it was", "what has fallen in earlier blocks stands again where a try is undone",
-        f"{FAST}/many.py:march_many", "harvest, 0, everyone)", "harvest, steps, everyone)",
+        "many: rim of a window", "a piece's copy of the surface ends at its particles' centres",
+        f"{FAST}/window.py:margin_of", "return way + 0.5 * largest + max(look, told)", "return 0.0",
+    ),
+    Mutant(
+        "many: what a block removes", "the surface falls in the pieces' copies of it alone",
+        f"{FAST}/many.py:march_many", "row + begins[3 * k], row + begins[3 * k + 1])",
+        "row + begins[3 * k], row + begins[3 * k])",
     ),
     Mutant(
         "many: pairs", "the last pairs of the list are left out", f"{FAST}/many.py:march_many",
