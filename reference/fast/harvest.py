@@ -19,25 +19,25 @@ from reference.fast.known import COLUMNS, K
 from reference.neighbors import minimum_image
 
 WIDTH = len(col.COLUMNS)  # of a ledger row
+SAME = 1e-9  # of its volume, or of a node spacing: removals that differ by less are one and the same
 
 
 class Harvest(NamedTuple):
-    """Ledger rows of all runs of a block, for N particles; there may be room for more."""
+    """Ledger rows of all runs of a block, for N particles; there may be room for more.
+
+    Pieces are numbered on from run to run.
+    """
 
     rows: np.ndarray  # (rows, WIDTH)
-    run: np.ndarray  # (rows,), of which run
+    found_by: np.ndarray  # (rows,), by which piece
     used: np.ndarray  # (1,), how many rows there are
-    latest: np.ndarray  # (N,), the last run of a particle
-    piece: np.ndarray  # (N,), the piece in which it was then: no two runs have one of the same number
+    piece: np.ndarray  # (N,), in which a particle was last
 
 
 @inner
 def harvest_of(n):
     """Nothing yet, of n particles."""
-    return Harvest(
-        np.empty((n, WIDTH)), np.empty(n, np.int64), np.zeros(1, np.int64), np.empty(n, np.int64),
-        np.empty(n, np.int64),
-    )  # fmt: skip
+    return Harvest(np.empty((n, WIDTH)), np.empty(n, np.int64), np.zeros(1, np.int64), np.empty(n, np.int64))
 
 
 @inner
@@ -52,23 +52,24 @@ def copy_rows(source, target, begin, at, count):
 
 
 @inner
-def bring_in(harvest, found, run):
-    """The harvest with the rows of all chunks of a run."""
+def bring_in(harvest, found, parts, pieces):
+    """The harvest with the rows of all chunks of a run, whose first piece is number `pieces`."""
+    for piece in range(parts.cuts.size - 1):
+        for k in range(parts.cuts[piece], parts.cuts[piece + 1]):
+            harvest.piece[parts.member[k]] = pieces + piece
     used = harvest.used[0]
     total = used + found.used.sum()
-    if total > harvest.run.size:
+    if total > harvest.found_by.size:
         room = 2 * total
-        wider = Harvest(
-            np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.latest, harvest.piece
-        )
+        wider = Harvest(np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.piece)
         copy_rows(harvest.rows, wider.rows, 0, 0, used)
         for k in range(used):
-            wider.run[k] = harvest.run[k]
+            wider.found_by[k] = harvest.found_by[k]
         harvest = wider
     for chunk in range(found.used.size):
         copy_rows(found.rows, harvest.rows, found.begins[chunk], used, found.used[chunk])
         for _ in range(found.used[chunk]):
-            harvest.run[used] = run
+            harvest.found_by[used] = harvest.piece[int(harvest.rows[used, col.I])]
             used += 1
     harvest.used[0] = used
     return harvest
@@ -77,7 +78,7 @@ def bring_in(harvest, found, run):
 @part
 def counts(harvest, k):
     """Whether row k is of the last run of its particle."""
-    return harvest.run[k] == harvest.latest[int(harvest.rows[k, col.I])]
+    return harvest.found_by[k] == harvest.piece[int(harvest.rows[k, col.I])]
 
 
 @part
@@ -138,38 +139,80 @@ def removes(harvest):
     return False
 
 
+class Chains(NamedTuple):
+    """Some rows of N particles: one linked list each."""
+
+    first: np.ndarray  # (N,), row, or -1
+    after: np.ndarray  # (rows,)
+
+
 @inner
-def spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run):
+def chains_of(harvest, n, since):
+    """The rows that count of those of n particles whose piece is number `since` or a later one."""
+    chains = Chains(np.full(n, -1, np.int32), np.empty(harvest.used[0], np.int32))
+    for k in range(harvest.used[0] if n > 0 else 0):
+        i = int(harvest.rows[k, col.I])
+        if harvest.piece[i] >= since and counts(harvest, k):
+            chains.after[k], chains.first[i] = chains.first[i], k
+    return chains
+
+
+@inner
+def is_repeated(harvest, chains, k, spacing):
+    """Whether the particle of row k, which counts no longer, has removed the same again, to round-off."""
+    old = harvest.rows[k]
+    m = np.int64(chains.first[int(old[col.I])])
+    while m >= 0:
+        out = harvest.rows[m]
+        if out[col.TIME] == old[col.TIME] and out[col.REMOVED_VOLUME] > 0.0:
+            apart = max(abs(out[col.X] - old[col.X]), abs(out[col.Y] - old[col.Y]))
+            change = abs(out[col.REMOVED_VOLUME] - old[col.REMOVED_VOLUME])
+            return apart <= SAME * spacing and change <= SAME * old[col.REMOVED_VOLUME]
+        m = np.int64(chains.after[m])
+    return False
+
+
+@inner
+def spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run, since):
     """Have those around removals know of them, if one or the other is of this `run` and it may matter.
 
     Who is in another piece, `close` (m) to a removal, and has touched the surface since, becomes one group
-    with the particle that removes, which is marked in `again`.  From others the surface can only be farther
-    away than it was, but another triangle may be the closest: those `within` (m, more) forget which are
-    close, if they have not looked since.
+    with the particle that removes, which is marked in `again`; and so does who has looked, `within` (m, more)
+    of it, at a removal of the same piece that is no longer as it was then.  From others the surface can only
+    be farther away than it was, but another triangle may be the closest: they forget which are close, if they
+    have not looked since.  The pieces of the run are numbered from `since` on.
     """
     s, known = world.s, world.w.known
     across, along = bins.first.shape
-    length_x, length_y = world.model.length_x, world.model.length_y
+    length_x, length_y, spacing = world.model.length_x, world.model.length_y, world.model.spacing
+    chains = chains_of(harvest, parent.size if run > 0 else 0, since)
     for k in range(harvest.used[0]):
         out = harvest.rows[k]
-        if out[col.REMOVED_VOLUME] <= 0.0 or not counts(harvest, k):
+        if out[col.REMOVED_VOLUME] <= 0.0:
             continue
         x, y, mover = out[col.X], out[col.Y], int(out[col.I])
-        step = step_of(out, world.t_start, world.fixed.dt)
         a, b = bin_of(x, length_x, across), bin_of(y, length_y, along)
-        before = harvest.latest[mover] < run
-        if before and bins.run[a, b] < run:
+        holds, moved = counts(harvest, k), harvest.piece[mover] >= since
+        if not holds and (not moved or is_repeated(harvest, chains, k, spacing)):
             continue
+        if not moved and bins.run[a, b] < run:
+            continue
+        step = step_of(out, world.t_start, world.fixed.dt)
         for da in range(-1, 2):
             for db in range(-1, 2):
                 i = np.int64(bins.first[(a + da) % across, (b + db) % along])
                 while i >= 0:
                     dx, dy = minimum_image(s.x[i] - x, length_x), minimum_image(s.y[i] - y, length_y)
-                    square, told = dx * dx + dy * dy, not before or harvest.latest[i] == run
+                    square, told = dx * dx + dy * dy, moved or harvest.piece[i] >= since
                     if told and square <= within * within:
-                        others = harvest.piece[i] != harvest.piece[mover]
-                        if others and met_surface[i] > step and square <= close * close:
+                        others = harvest.piece[i] != harvest.found_by[k]
+                        has_looked = known[COLUMNS * i + K.looked] > step
+                        if not holds:
+                            joins = not others and has_looked
+                        else:
+                            joins = others and met_surface[i] > step and square <= close * close
+                        if joins:
                             again[mover] |= unite(parent, mover, i)
-                        elif others or known[COLUMNS * i + K.looked] <= step:
+                        elif holds and (others or not has_looked):
                             known[COLUMNS * i + K.until] = -1.0
                     i = np.int64(bins.after[i])

@@ -94,14 +94,11 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
             parts, block, found, model, world.numerics, fixed, world.t_start, world.largest, world.periods, s,
             world.w, world.ceiling, world.heights,
         )  # fmt: skip
-        for piece in range(parts.cuts.size - 1):
-            for k in range(parts.cuts[piece], parts.cuts[piece + 1]):
-                harvest.latest[parts.member[k]], harvest.piece[parts.member[k]] = run, pieces
-            pieces += 1
-        harvest = bring_in(harvest, found, run)
+        since, pieces = pieces, pieces + parts.cuts.size - 1
+        harvest = bring_in(harvest, found, parts, since)
         fewer, worst = fewest(found, steps)
         again[:] = False
-        if fewer == steps and removes(harvest):
+        if fewer == steps and (run > 0 or removes(harvest)):
             speed = max(speed, highest_of(world.w.pace))
             close, within = reaches(world, block, speed, drift)
             if not within <= width:
@@ -111,7 +108,7 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
                 enlist(bins, s, everyone, aware, model.length_x, model.length_y, 0)
             if run > 0:
                 enlist(bins, s, parts.member, aware, model.length_x, model.length_y, run)
-            spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run)
+            spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run, since)
         if fewer == steps and not again.any():
             if model.has_pad and model.has_surface:
                 fewer = steps_until_lowered(

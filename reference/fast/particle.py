@@ -47,6 +47,7 @@ def find_surface(model, fixed, heights, above, s, w, i, step, same_box):
     again = same_box and step <= known[row + K.until] and changed[a, b] < known[row + K.looked]
     again = again and abs(x - known[row + K.looked_x]) < fixed.half_x
     again = again and abs(y - known[row + K.looked_y]) < fixed.half_y
+    again = again and fixed.dt * z_low > -radius  # else it may sink in one step, which a look sees
     touching, steps = False, AHEAD
     nx, ny, nz, qx, qy, qz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if clear:

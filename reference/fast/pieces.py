@@ -35,7 +35,7 @@ class Found(NamedTuple):
 
     state: np.ndarray  # (N, STATE), SI
     met_surface: np.ndarray  # (N,), step in which it last touched the surface, or -1
-    aware: np.ndarray  # (N,), whether it has, or knows which triangles it may touch after the block
+    aware: np.ndarray  # (N,), whether it has, has looked at it, or knows which triangles it may touch next
     made: np.ndarray  # (F,), steps
     status: np.ndarray  # (F,)
     culprit: np.ndarray  # (F,), the particle that it is about
@@ -159,7 +159,8 @@ def scatter(f, v, desk, found, member, block, world):
         state[i, 3], state[i, 4], state[i, 5] = f.vx[k], f.vy[k], f.vz[k]
         state[i, 6], state[i, 7], state[i, 8] = f.mass[k], f.contacts[k], f.longest[k]
         found.met_surface[i] = f.met_surface[k]
-        found.aware[i] = f.met_surface[k] >= 0.0 or v.known[COLUMNS * k + K.until] >= block.last
+        looked, until = v.known[COLUMNS * k + K.looked], v.known[COLUMNS * k + K.until]
+        found.aware[i] = f.met_surface[k] >= 0.0 or looked >= block.first or until >= block.last
         s.x_low[i], s.x_high[i], s.y_low[i] = f.x_low[k], f.x_high[k], f.y_low[k]
         s.y_high[i], s.z_low[i], s.z_high[i] = f.y_high[k], f.z_low[k], f.z_high[k]
         for column in range(len(K)):

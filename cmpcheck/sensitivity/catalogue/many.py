@@ -24,7 +24,7 @@ ERRORS = (
     ),
     Mutant(
         "many: rows that count", "the ledger rows of a first try stay", f"{FAST}/harvest.py:counts",
-        "harvest.run[k] == harvest.latest", "harvest.run[k] <= harvest.latest",
+        "harvest.found_by[k] == harvest.piece", "harvest.found_by[k] <= harvest.piece",
     ),
     Mutant(
         "many: late look", "a particle is looked at one step after its time, at the beginning of a block",
