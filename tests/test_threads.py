@@ -74,10 +74,25 @@ def held_up() -> Setup:
     raise AssertionError("no node holds the pad for some steps")
 
 
+def withdrawn() -> Setup:
+    """So soft a surface, and nodes so far apart, that who falls onto it often changes where others touch it.
+
+    Then a piece has removed something, and others of it have looked there, before it is moved again with
+    somebody of another piece and does not remove it any more: at 2191d00, which did not look for these, two
+    removals were missing and positions off by 6e-8 m.
+    """
+    setup = crowd(3 * COARSER)
+    velocity = setup.state.velocity + np.random.default_rng(2).standard_normal(setup.state.velocity.shape)
+    model = setup.model._replace(yield_stress=3e7)
+    return replace(setup, model=model, state=replace(setup.state, velocity=velocity))
+
+
 @pytest.mark.parametrize(
-    "make", [lambda: crowd(1), lambda: crowd(COARSER), held_up], ids=["fine", "coarse", "held_up"]
+    "make, removals",
+    [(lambda: crowd(1), 512), (lambda: crowd(COARSER), 512), (held_up, 512), (withdrawn, 256)],
+    ids=["fine", "coarse", "held_up", "withdrawn"],
 )
-def test_many_particles_follow_the_answer_key_to_round_off(make):
+def test_many_particles_follow_the_answer_key_to_round_off(make, removals):
     """The bound is that of `steppers.allowed`; here there is more than one chunk of pieces for threads.
 
     Where triangles of the surface are larger than particles, several touch one that falls.
@@ -94,7 +109,7 @@ def test_many_particles_follow_the_answer_key_to_round_off(make):
     assert apart(fast.velocities, plain.velocities) <= bound_v
     assert fast.history["pad_height"].equals(plain.history["pad_height"])
     assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1] > 2048
-    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > 512
+    assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1] > removals
     ours, theirs = sorted_ledger(fast), sorted_ledger(plain)
     for column in ("kind", "i", "j"):
         assert (ours[column] == theirs[column]).all()
