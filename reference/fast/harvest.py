@@ -19,7 +19,10 @@ from reference.fast.known import COLUMNS, K
 from reference.neighbors import minimum_image
 
 WIDTH = len(col.COLUMNS)  # of a ledger row
-SAME = 1e-9  # of its volume, or of a node spacing: removals that differ by less are one and the same
+# Of its volume, or of a node spacing: a removal that differs by less is the same one.  Positions are
+# rounded anew in each window, by 1e-16 of the period, which is 1e-11 of a volume; and 1e-9 of a depth (nm)
+# is 1e-18 m, as much as positions are rounded by in any case.
+SAME = 1e-9
 
 
 class Harvest(NamedTuple):
