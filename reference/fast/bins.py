@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import inner, part
-from reference.timestep import wrap
 
 UNLISTED = -2
 
@@ -22,8 +21,8 @@ class Bins(NamedTuple):
 
 @part
 def bin_of(x, length, bins):
-    """Number of the bin, along one axis, of a position; `length` is the period."""
-    return min(int(wrap(x, length) / length * bins), bins - 1)
+    """Number of the bin, along one axis, of a wrapped position; `length` is the period."""
+    return min(int(x / length * bins), bins - 1)
 
 
 @inner

@@ -15,7 +15,7 @@ import numpy as np
 from reference.compiled import kernel, uncounted
 from reference.fast.ceiling import REMAP, highest_node, raise_ceiling
 from reference.fast.events import book_contacts, record_pad, record_pair, take_off
-from reference.fast.known import COLUMNS, K, in_box, renew, renew_paces
+from reference.fast.known import COLUMNS, K, in_box, note_way, renew, renew_paces
 from reference.fast.near import (
     NARROW,
     WIDE,
@@ -25,6 +25,7 @@ from reference.fast.near import (
     list_wide,
     lists_of,
     settle,
+    ways_from,
 )
 from reference.fast.pairs import LANES, B, batch, next_batch
 from reference.fast.particle import (
@@ -78,7 +79,8 @@ def march_few(
     """
     n = w.pace.size
     ring, origin = ring_of(n), Origin(np.empty(n), np.empty(n), np.empty(n))
-    scratch, meeting, c, run = scratch_of(n), np.empty(LANES, np.uint32), batch(), np.zeros(len(R))
+    apart, scratch, meeting = np.empty(n), scratch_of(n), np.empty(LANES, np.uint32)
+    c, run = batch(), np.zeros(len(R))
     lists = lists_of(np.empty((0, 2), np.int64))
     for i in range(n):
         insert(w.due, ring, i, 0)
@@ -92,9 +94,10 @@ def march_few(
     while status == RELIST:
         settle(s, n, periods)
         if run[R.spent] < math.inf:
-            run[R.spent] = 2.0 * farthest(s, origin, periods)
+            ways_from(s, origin, periods, apart)
+            run[R.spent] = 2.0 * farthest(apart)
         if model.has_pairs and n > 1 and not run[R.spent] <= room:
-            lists = lists_of(list_wide(s, largest, periods, origin))
+            lists = lists_of(list_wide(s, WIDE, largest, periods, origin))
             run[R.spent] = 0.0
             run[R.mean_x], run[R.mean_y] = renew_paces(s, w.pace)
         run[R.fresh] = 1.0
@@ -166,8 +169,11 @@ def march(
             listed = ring.after[i]
             same_box = step < w.known[COLUMNS * i + K.renewed] and in_box(f, i, f.vx[i], f.vy[i], f.vz[i])
             if not same_box:
+                before = w.pace[i]
                 some_nonlinear += renew(model, fixed, f, w, i, step, pad_height, mean_x, mean_y)
                 speed = max(speed, w.pace[i])
+                if not alone:
+                    note_way(w.known, i, step, dt, w.pace[i], before)
             steps = AHEAD
             if model.has_surface:
                 touching, nx, ny, nz, qx, qy, qz, steps = find_surface(

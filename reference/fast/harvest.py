@@ -16,7 +16,7 @@ from reference.compiled import inner, part
 from reference.fast.bins import bin_of
 from reference.fast.groups import unite
 from reference.fast.known import COLUMNS, K
-from reference.neighbors import minimum_image
+from reference.neighbors import half_period, nearest_image
 
 WIDTH = len(col.COLUMNS)  # of a ledger row
 # Of its volume, or of a node spacing: a removal that differs by less is the same one.  Positions are
@@ -33,14 +33,18 @@ class Harvest(NamedTuple):
 
     rows: np.ndarray  # (rows, WIDTH)
     found_by: np.ndarray  # (rows,), by which piece
-    used: np.ndarray  # (1,), how many rows there are
+    removals: np.ndarray  # (rows,), numbers of those that remove something
+    used: np.ndarray  # (2,), how many rows there are, and how many of them remove something
     piece: np.ndarray  # (N,), in which a particle was last
 
 
 @inner
 def harvest_of(n):
     """Nothing yet, of n particles."""
-    return Harvest(np.empty((n, WIDTH)), np.empty(n, np.int64), np.zeros(1, np.int64), np.empty(n, np.int64))
+    return Harvest(
+        np.empty((n, WIDTH)), np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(2, np.int64),
+        np.empty(n, np.int64),
+    )  # fmt: skip
 
 
 @inner
@@ -60,21 +64,26 @@ def bring_in(harvest, found, parts, pieces):
     for piece in range(parts.cuts.size - 1):
         for k in range(parts.cuts[piece], parts.cuts[piece + 1]):
             harvest.piece[parts.member[k]] = pieces + piece
-    used = harvest.used[0]
+    used, removing = harvest.used
     total = used + found.used.sum()
     if total > harvest.found_by.size:
         room = 2 * total
-        wider = Harvest(np.empty((room, WIDTH)), np.empty(room, np.int64), harvest.used, harvest.piece)
+        wider = Harvest(
+            np.empty((room, WIDTH)), np.empty(room, np.int64), np.empty(room, np.int64), harvest.used,
+            harvest.piece,
+        )  # fmt: skip
         copy_rows(harvest.rows, wider.rows, 0, 0, used)
         for k in range(used):
-            wider.found_by[k] = harvest.found_by[k]
+            wider.found_by[k], wider.removals[k] = harvest.found_by[k], harvest.removals[k]
         harvest = wider
     for chunk in range(found.used.size):
         copy_rows(found.rows, harvest.rows, found.begins[chunk], used, found.used[chunk])
         for _ in range(found.used[chunk]):
             harvest.found_by[used] = harvest.piece[int(harvest.rows[used, col.I])]
+            harvest.removals[removing] = used
+            removing += 1 if harvest.rows[used, col.REMOVED_VOLUME] > 0.0 else 0
             used += 1
-    harvest.used[0] = used
+    harvest.used[0], harvest.used[1] = used, removing
     return harvest
 
 
@@ -124,9 +133,9 @@ def store(harvest, begins, t_start, dt, first, rows, row):
 @inner
 def steps_until_lowered(harvest, i_node, j_node, shape, spacing, t_start, dt, first, steps):
     """After how many of a block's steps someone first takes something off next to a node; or `steps`."""
-    for k in range(harvest.used[0]):
+    for k in harvest.removals[: harvest.used[1]]:
         out = harvest.rows[k]
-        if out[col.REMOVED_VOLUME] > 0.0 and counts(harvest, k):
+        if counts(harvest, k):
             i, j = math.floor(out[col.X] / spacing), math.floor(out[col.Y] / spacing)
             if (i_node - i) % shape[0] <= 1 and (j_node - j) % shape[1] <= 1:
                 steps = min(steps, step_of(out, t_start, dt) - first + 1)
@@ -136,14 +145,14 @@ def steps_until_lowered(harvest, i_node, j_node, shape, spacing, t_start, dt, fi
 @inner
 def removes(harvest):
     """Whether anybody takes something off the surface."""
-    for k in range(harvest.used[0]):
-        if harvest.rows[k, col.REMOVED_VOLUME] > 0.0 and counts(harvest, k):
-            return True
-    return False
+    some = False
+    for k in harvest.removals[: harvest.used[1]]:
+        some |= counts(harvest, k)
+    return some
 
 
 class Chains(NamedTuple):
-    """Some rows of N particles: one linked list each."""
+    """Some rows of N particles that remove something: one linked list each."""
 
     first: np.ndarray  # (N,), row, or -1
     after: np.ndarray  # (rows,)
@@ -153,7 +162,7 @@ class Chains(NamedTuple):
 def chains_of(harvest, n, since):
     """The rows that count of those of n particles whose piece is number `since` or a later one."""
     chains = Chains(np.full(n, -1, np.int32), np.empty(harvest.used[0], np.int32))
-    for k in range(harvest.used[0] if n > 0 else 0):
+    for k in harvest.removals[: harvest.used[1] if n > 0 else 0]:
         i = int(harvest.rows[k, col.I])
         if harvest.piece[i] >= since and counts(harvest, k):
             chains.after[k], chains.first[i] = chains.first[i], k
@@ -167,7 +176,7 @@ def is_repeated(harvest, chains, k, spacing):
     m = np.int64(chains.first[int(old[col.I])])
     while m >= 0:
         out = harvest.rows[m]
-        if out[col.TIME] == old[col.TIME] and out[col.REMOVED_VOLUME] > 0.0:
+        if out[col.TIME] == old[col.TIME]:
             apart = max(abs(out[col.X] - old[col.X]), abs(out[col.Y] - old[col.Y]))
             change = abs(out[col.REMOVED_VOLUME] - old[col.REMOVED_VOLUME])
             return apart <= SAME * spacing and change <= SAME * old[col.REMOVED_VOLUME]
@@ -188,11 +197,10 @@ def spread_removals(harvest, bins, world, met_surface, close, within, parent, ag
     s, known = world.s, world.w.known
     across, along = bins.first.shape
     length_x, length_y, spacing = world.model.length_x, world.model.length_y, world.model.spacing
+    half_x, half_y = half_period(length_x), half_period(length_y)
     chains = chains_of(harvest, parent.size if run > 0 else 0, since)
-    for k in range(harvest.used[0]):
+    for k in harvest.removals[: harvest.used[1]]:
         out = harvest.rows[k]
-        if out[col.REMOVED_VOLUME] <= 0.0:
-            continue
         x, y, mover = out[col.X], out[col.Y], int(out[col.I])
         a, b = bin_of(x, length_x, across), bin_of(y, length_y, along)
         holds, moved = counts(harvest, k), harvest.piece[mover] >= since
@@ -205,7 +213,8 @@ def spread_removals(harvest, bins, world, met_surface, close, within, parent, ag
             for db in range(-1, 2):
                 i = np.int64(bins.first[(a + da) % across, (b + db) % along])
                 while i >= 0:
-                    dx, dy = minimum_image(s.x[i] - x, length_x), minimum_image(s.y[i] - y, length_y)
+                    dx = nearest_image(s.x[i] - x, length_x, half_x)
+                    dy = nearest_image(s.y[i] - y, length_y, half_y)
                     square, told = dx * dx + dy * dy, moved or harvest.piece[i] >= since
                     if told and square <= within * within:
                         others = harvest.piece[i] != harvest.found_by[k]

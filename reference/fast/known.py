@@ -26,6 +26,8 @@ class Known(NamedTuple):
     looked: int = 2  # step in which the close triangles were found
     looked_x: int = 3  # and where, m
     looked_y: int = 4
+    gone: int = 5  # the way it has gone at most, relative to the mean of all, until it had this box, m
+    since: int = 6  # step in which it was given it
 
 
 K = Known()
@@ -119,6 +121,20 @@ def in_box(s, i, vx, vy, vz):
     inside = (s.x_low[i] <= vx) & (vx <= s.x_high[i])
     inside &= (s.y_low[i] <= vy) & (vy <= s.y_high[i])
     return inside & (s.z_low[i] <= vz) & (vz <= s.z_high[i])
+
+
+@part
+def note_way(known, i, step, dt, pace, before):
+    """Note how far particle i may have gone in the box that it has left, or that another one has replaced.
+
+    Its highest speed was `before` there, and is `pace` from now on (m/s), which it may have had in the last
+    step already.
+    """
+    row = COLUMNS * i
+    steps = step - known[row + K.since]
+    if steps > 0.0:
+        known[row + K.gone] += dt * (steps * before + max(0.0, pace - before))
+        known[row + K.since] = step
 
 
 @part

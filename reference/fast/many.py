@@ -1,7 +1,8 @@
 """The fast stepper's loop for many particles: blocks of steps, which groups of particles make by themselves.
 
-For as many steps as no two particles of different groups can touch each other, a group need not know of the
-others: pieces of whole groups are moved one after another, or by threads, each in memory of a core's own.
+For some steps each particle is allowed a way (`ways.py`), and those that may touch each other on their ways
+are a group, which need not know of the others: pieces of whole groups are moved one after another, or by
+threads, each in memory of a core's own.  Who went farther, and may have missed somebody, is moved again.
 Groups meet in the surface alone, of which each piece lowers a copy.  Where one has lowered it and somebody of
 another piece touches it nearby later, both become one group, which is moved again; until nobody does.
 """
@@ -28,28 +29,32 @@ from reference.fast.harvest import (
     steps_until_lowered,
     store,
 )
-from reference.fast.known import fastest_flow, renew_paces
-from reference.fast.near import WIDE, Origin, farthest, list_narrow_of, list_wide, lists_of, settle
-from reference.fast.particle import speed_apart
-from reference.fast.pieces import STATE, Block, World, found_of, share_out
+from reference.fast.known import COLUMNS, K, fastest_flow, renew, renew_paces
+from reference.fast.near import Origin, list_wide, lists_of, settle, ways_from
+from reference.fast.pieces import Block, World, ends_of, found_of, share_out
 from reference.fast.sweep import highest_of
-from reference.fast.watch import AHEAD
+from reference.fast.ways import (
+    STEPS,
+    WIDE,
+    Reach,
+    admit_strayed,
+    allow_ways,
+    is_wide_enough,
+    list_reachable,
+)
 from reference.pad import lowered_pad, lowest_pad_height
 from reference.timestep import DONE, LEDGER_FULL, P
 
-SKIN = 0.4  # within which pairs are known in a block, of the largest diameter
-USED = 0.75  # of it, by the way of the fastest: contacts may make one faster
-THIN = 1e-3  # of the largest diameter: a skin that is of no use
+USED = 0.75  # of the way of the fastest: contacts may make one faster
 CROWDED = -3  # status: so many particles touch each other that they make no groups
 
 
 @inner
-def start_speed(model, s, n, mean_x, mean_y):
-    """The highest speed relative to the mean, m/s, before any box of velocities is known."""
-    fastest = 0.0
-    for i in range(n):
-        fastest = max(fastest, speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
-    return 2.0 * (fastest + model.pad_descent)
+def renew_all(model, fixed, s, w, pad_height, mean_x, mean_y):
+    """Give all particles boxes of velocities before the first step, in which all are looked at."""
+    for i in range(w.pace.size):
+        renew(model, fixed, s, w, i, 0, pad_height, mean_x, mean_y)
+        w.known[COLUMNS * i + K.until] = -1.0
 
 
 @inner
@@ -77,8 +82,14 @@ def reaches(world, block, speed, drift):
     return close, block.way + max(look, 1.5 * model.spacing * (told_of(model, world.largest) + 1))
 
 
+@inner
+def predicted(rate, steps):
+    """How many ledger rows so many steps may need, at `rate` a step."""
+    return int(1.2 * rate * steps) + 1
+
+
 @inlined
-def try_block(world, block, parent, order, tiles, narrow, near, speed, state, met_surface, aware):
+def try_block(world, block, parent, order, tiles, lists, near, reach, speed, ends, rate):
     """Have all particles make the steps of a block: (steps that all can make, harvest, status, culprit).
 
     Where these are not all of its steps what is known of particles is of no use.
@@ -88,8 +99,8 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
     again, wanted, harvest = np.zeros(n, np.bool_), np.ones(n, np.bool_), harvest_of(n)
     bins, width, run, pieces = empty_bins(0, 1.0, 0.0, 0.0), 0.0, 0, 0
     while True:
-        parts = part_out(parent, wanted, order, tiles, narrow, near)
-        found = found_of(state, met_surface, aware, parts)
+        parts = part_out(parent, wanted, order, tiles, lists.narrow, near)
+        found = found_of(ends, parts, predicted(rate, steps) / n)
         share_out(
             parts, block, found, model, world.numerics, fixed, world.t_start, world.largest, world.periods, s,
             world.w, world.ceiling, world.heights,
@@ -98,6 +109,10 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
         harvest = bring_in(harvest, found, parts, since)
         fewer, worst = fewest(found, steps)
         again[:] = False
+        if fewer == steps:
+            near = admit_strayed(s, lists, near, reach, ends.gone, world.periods, parent, again)
+            if not is_wide_enough(reach, world.largest):
+                return steps // 2, harvest, CROWDED, 0
         if fewer == steps and (run > 0 or removes(harvest)):
             speed = max(speed, highest_of(world.w.pace))
             close, within = reaches(world, block, speed, drift)
@@ -105,10 +120,10 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
                 width = 1.1 * within
                 bins = empty_bins(n, width, model.length_x, model.length_y)
                 everyone = np.arange(n).astype(np.uint32)
-                enlist(bins, s, everyone, aware, model.length_x, model.length_y, 0)
+                enlist(bins, s, everyone, ends.aware, model.length_x, model.length_y, 0)
             if run > 0:
-                enlist(bins, s, parts.member, aware, model.length_x, model.length_y, run)
-            spread_removals(harvest, bins, world, met_surface, close, within, parent, again, run, since)
+                enlist(bins, s, parts.member, ends.aware, model.length_x, model.length_y, run)
+            spread_removals(harvest, bins, world, ends.met_surface, close, within, parent, again, run, since)
         if fewer == steps and not again.any():
             if model.has_pad and model.has_surface:
                 fewer = steps_until_lowered(
@@ -119,7 +134,7 @@ def try_block(world, block, parent, order, tiles, narrow, near, speed, state, me
                 return steps, harvest, DONE, 0
             worst = 0
         elif fewer == steps and largest_group(parent) > GROUP:
-            fewer, worst = steps // 2, 0
+            return steps // 2, harvest, CROWDED, 0
         if fewer < steps:
             return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
         wanted[:] = False
@@ -145,12 +160,6 @@ def commit(s, state, progress, dt):
     book_contacts(progress, contacts, longest, dt)
 
 
-@inner
-def predicted(rate, steps):
-    """How many ledger rows so many steps may need, at `rate` a step."""
-    return int(1.2 * rate * steps) + 1
-
-
 @kernel
 def march_many(
     model, numerics, fixed, progress, t_start, last_step, largest, periods, s, w, ceiling, heights, rows,
@@ -165,38 +174,28 @@ def march_many(
     world = World(model, numerics, fixed, t_start, largest, periods, s, w, ceiling, heights)
     top_x, top_y = highest_node(heights)
     highest = heights[top_x, top_y] if model.has_surface else 0.0
-    skin = SKIN * largest
     origin, lists = Origin(np.empty(n), np.empty(n), np.empty(n)), lists_of(np.empty((0, 2), np.int64))
-    parent, state = np.empty(n, np.int64), np.empty((n, STATE))
-    met_surface, aware = np.empty(n), np.empty(n, np.bool_)
-    mean_x, mean_y, spent, rate = 0.0, 0.0, math.inf, 0.0
+    parent, ends, reach = np.empty(n, np.int64), ends_of(n), Reach(np.empty(n), np.zeros(n))
+    mean_x, mean_y, listed, rate = 0.0, 0.0, False, 0.0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
     first_row, mapped, status = row, 0, DONE
     step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
     while step < last_step:
         settle(s, n, periods)
-        if spent < math.inf:
-            spent = 2.0 * farthest(s, origin, periods)
-        if not spent <= WIDE * largest - skin:
+        if listed:
+            ways_from(s, origin, periods, reach.apart)
+        steps = min(last_step - step, STEPS)
+        allow_ways(reach, w.pace, steps, dt, largest, math.inf)
+        if not (listed and is_wide_enough(reach, largest)):
             mean_x, mean_y = renew_paces(s, w.pace)
-            spent, skin, pairs = 0.0, SKIN * largest, list_wide(s, largest, periods, origin)
+            listed, reach.apart[:], pairs = True, 0.0, list_wide(s, WIDE, largest, periods, origin)
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
+        if step == 0:
+            renew_all(model, fixed, s, w, pad_height, mean_x, mean_y)
         if model.has_surface and step >= mapped + REMAP:
             raise_ceiling(heights, int(ceiling.reach / model.spacing + 0.5), ceiling.height, ceiling.across)
             mapped = step
-        speed = highest_of(w.pace) if step > 0 else start_speed(model, s, n, mean_x, mean_y)
-        near = list_narrow_of(s, lists, skin, periods)
-        grouped = group_pairs(parent, lists.narrow, near) <= GROUP
-        while not grouped and skin > THIN * largest:
-            skin *= 0.5
-            near = list_narrow_of(s, lists, skin, periods)
-            grouped = group_pairs(parent, lists.narrow, near) <= GROUP
-        if not grouped:
-            status = CROWDED
-            break
-        steps = min(last_step - step, AHEAD)
-        if 2.0 * dt * speed * steps > USED * skin:
-            steps = max(1, int(USED * skin / (2.0 * dt * speed)))
+        speed = highest_of(w.pace)
         while steps > 1 and predicted(rate, steps) > rows.shape[0] - first_row:
             steps -= 1
         if predicted(rate, steps) > rows.shape[0] - row and row > first_row:
@@ -204,14 +203,21 @@ def march_many(
             break
         time, made, anew = progress[P.time] if step == 0 else t_start + step * dt, False, False
         while not made:
-            if anew:
-                group_pairs(parent, lists.narrow, near)
+            skin = 2.0 * steps * dt * speed / USED
+            allow_ways(reach, w.pace, steps, dt, largest, 0.5 * skin)
+            near = list_reachable(s, lists, reach, periods)
+            if group_pairs(parent, lists.narrow, near) > GROUP or not is_wide_enough(reach, largest):
+                if steps == 1:
+                    status = CROWDED
+                    break
+                steps //= 2
+                continue
             block = Block(
                 step, step + steps, time, pad_height, mean_x, mean_y, top_x, top_y, highest, skin,
                 0.5 * skin + steps * dt * math.hypot(mean_x, mean_y), anew,
             )  # fmt: skip
             fewer, harvest, failed, culprit = try_block(
-                world, block, parent, order, tiles, lists.narrow, near, speed, state, met_surface, aware
+                world, block, parent, order, tiles, lists, near, reach, speed, ends, rate
             )
             begins = row_begins(harvest, t_start, dt, step, steps)
             made = fewer == steps
@@ -223,12 +229,12 @@ def march_many(
                 if fewer == 0 and steps == 1:
                     status, progress[P.culprit] = failed, order[culprit]
                     break
-                steps, anew = max(1, fewer), True
+                steps, anew = max(1, fewer if fewer > 0 else steps // 2), True
         if not made:
             break
         end = row + begins[3 * steps]
         store(harvest, begins, t_start, dt, step, rows, row)
-        commit(s, state, progress, dt)
+        commit(s, ends.state, progress, dt)
         book_removals(progress, rows, row, end)
         for k in range(steps):
             commit_removal(model, heights, rows, row + begins[3 * k], row + begins[3 * k + 1])

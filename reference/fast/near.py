@@ -96,9 +96,9 @@ def pairs_of_few(s, n, cutoff, periods):
 
 
 @inner
-def list_wide(s, largest, periods, origin):
-    """All pairs (P, 2) closer than the largest diameter and the wide skin; positions go to `origin`."""
-    n, cutoff = origin.x.shape[0], (1.0 + WIDE) * largest
+def list_wide(s, wide, largest, periods, origin):
+    """All pairs (P, 2) closer than 1 + `wide` times the largest diameter; positions go to `origin`."""
+    n, cutoff = origin.x.shape[0], (1.0 + wide) * largest
     position = np.empty((n, 3))
     for i in range(n):
         position[i, 0], position[i, 1], position[i, 2] = s.x[i], s.y[i], s.z[i]
@@ -109,8 +109,8 @@ def list_wide(s, largest, periods, origin):
 
 
 @inner
-def farthest(s, origin, periods):
-    """The longest way of a particle from its origin, relative to the mean of all, m."""
+def ways_from(s, origin, periods, apart):
+    """How far each particle is from its origin, relative to the mean of all, m; `apart` (N,)."""
     n = origin.x.shape[0]
     mx, my, mz = 0.0, 0.0, 0.0
     for i in range(n):
@@ -118,15 +118,21 @@ def farthest(s, origin, periods):
         my += minimum_image(s.y[i] - origin.y[i], periods[1])
         mz += minimum_image(s.z[i] - origin.z[i], periods[2])
     mx, my, mz = mx / n, my / n, mz / n
-    most = 0.0
     for i in range(n):
         dx = minimum_image(s.x[i] - origin.x[i], periods[0]) - mx
         dy = minimum_image(s.y[i] - origin.y[i], periods[1]) - my
         dz = minimum_image(s.z[i] - origin.z[i], periods[2]) - mz
-        square = dx * dx + dy * dy + dz * dz
-        if not square <= most:
-            most = square
-    return math.sqrt(most)
+        apart[i] = math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inner
+def farthest(apart):
+    """The longest of the ways `apart` (N,), or one that is not a number."""
+    most = 0.0
+    for i in range(apart.size):
+        if not apart[i] <= most:
+            most = apart[i]
+    return most
 
 
 @inner

@@ -17,9 +17,10 @@ from reference.compiled import inlined, inner, shared
 from reference.fast.ceiling import Ceiling
 from reference.fast.few import R, march
 from reference.fast.harvest import WIDTH
-from reference.fast.known import COLUMNS, Fixed, K, Watch
+from reference.fast.known import COLUMNS, Fixed, K, Watch, note_way
 from reference.fast.near import FACTS, Lists
 from reference.fast.pairs import LANES, batch
+from reference.fast.particle import speed_apart
 from reference.fast.swarm import COMPONENTS, PADDING, ROW, Scratch, Swarm, adapt, rest, scratch_of, views
 from reference.fast.threads import threaded
 from reference.fast.watch import HORIZON, MOST_CLOSE, Ring, insert, ring_of
@@ -30,12 +31,22 @@ CHUNK = 8  # pieces, one after another in the same memory
 STATE = 9  # numbers of a particle that its piece leads to: position, velocity, mass, contacts, their duration
 
 
-class Found(NamedTuple):
-    """What F pieces in C chunks have led to, for all N particles."""
+class Ends(NamedTuple):
+    """Where each of N particles has got to in a block, and what it did there."""
 
     state: np.ndarray  # (N, STATE), SI
     met_surface: np.ndarray  # (N,), step in which it last touched the surface, or -1
+    gone: np.ndarray  # (N,), how far it has gone at most, relative to the mean of all, m
     aware: np.ndarray  # (N,), whether it has, has looked at it, or knows which triangles it may touch next
+
+
+class Found(NamedTuple):
+    """What F pieces in C chunks have led to: `Ends`, and what there is of pieces and chunks."""
+
+    state: np.ndarray
+    met_surface: np.ndarray
+    gone: np.ndarray
+    aware: np.ndarray
     made: np.ndarray  # (F,), steps
     status: np.ndarray  # (F,)
     culprit: np.ndarray  # (F,), the particle that it is about
@@ -56,7 +67,7 @@ class Block(NamedTuple):
     top_x: int  # the highest node of the surface
     top_y: int
     highest: float  # its height, m
-    skin: float  # m, within which all pairs are known
+    skin: float  # m, by which no two particles may come nearer
     way: float  # m, that a particle moves in it at most
     anew: bool  # whether nothing is known of the particles
 
@@ -130,6 +141,7 @@ def gather(f, v, desk, member, window, block, world):
             v.known[COLUMNS * k + column] = w.known[COLUMNS * i + column]
         v.known[COLUMNS * k + K.looked_x] += shift_x[k] * spacing
         v.known[COLUMNS * k + K.looked_y] += shift_y[k] * spacing
+        v.known[COLUMNS * k + K.gone], v.known[COLUMNS * k + K.since] = 0.0, block.first
         v.pace[k], v.nonlinear[k], v.number[k] = w.pace[i], w.nonlinear[i], w.number[i]
         due = w.due[i]
         if block.anew:
@@ -158,6 +170,9 @@ def scatter(f, v, desk, found, member, block, world):
         state[i, 0], state[i, 1], state[i, 2] = f.x[k] - away_x, f.y[k] - away_y, f.z[k]
         state[i, 3], state[i, 4], state[i, 5] = f.vx[k], f.vy[k], f.vz[k]
         state[i, 6], state[i, 7], state[i, 8] = f.mass[k], f.contacts[k], f.longest[k]
+        pace = max(v.pace[k], speed_apart(f.vx[k], f.vy[k], f.vz[k], block.mean_x, block.mean_y))
+        note_way(v.known, k, block.last, world.fixed.dt, pace, v.pace[k])
+        found.gone[i] = v.known[COLUMNS * k + K.gone]
         found.met_surface[i] = f.met_surface[k]
         looked, until = v.known[COLUMNS * k + K.looked], v.known[COLUMNS * k + K.until]
         found.aware[i] = f.met_surface[k] >= 0.0 or looked >= block.first or until >= block.last
@@ -167,7 +182,7 @@ def scatter(f, v, desk, found, member, block, world):
             w.known[COLUMNS * i + column] = v.known[COLUMNS * k + column]
         w.known[COLUMNS * i + K.looked_x] -= away_x
         w.known[COLUMNS * i + K.looked_y] -= away_y
-        w.due[i], w.pace[i], w.nonlinear[i], w.number[i] = v.due[k], v.pace[k], v.nonlinear[k], v.number[k]
+        w.due[i], w.pace[i], w.nonlinear[i], w.number[i] = v.due[k], pace, v.nonlinear[k], v.number[k]
         for m in range(v.number[k]):
             to, at = 3 * (MOST_CLOSE * i + m), 3 * (MOST_CLOSE * k + m)
             w.close[to], w.close[to + 1] = v.close[at] - shift_x[k], v.close[at + 1] - shift_y[k]
@@ -250,18 +265,27 @@ def share_out(
 
 
 @inner
-def found_of(state, met_surface, aware, parts):
-    """Room for what the pieces of `parts` lead to, which goes to `state`, `met_surface` and `aware`.
+def ends_of(n):
+    """Room for n particles."""
+    return Ends(np.empty((n, STATE)), np.empty(n), np.empty(n), np.empty(n, np.bool_))
 
-    A chunk has room for the contacts of two steps, all that there can be; memory not used is not taken.
+
+@inner
+def found_of(ends, parts, expected):
+    """Room for what the pieces of `parts` lead to.
+
+    A chunk has room for the contacts of four steps, all that there can be, and for twice as many rows as are
+    `expected` of a particle; memory not used is not taken.
     """
     pieces = parts.cuts.size - 1
     chunks = (pieces + CHUNK - 1) // CHUNK
     begins = np.empty(chunks + 1, np.int64)
     for chunk in range(chunks + 1):
         first = min(chunk * CHUNK, pieces)
-        begins[chunk] = 2 * (2 * parts.cuts[first] + parts.pair_cuts[first])
+        begins[chunk] = 4 * (2 * parts.cuts[first] + parts.pair_cuts[first])
+        begins[chunk] += 2 * expected * parts.cuts[first]
     return Found(
-        state, met_surface, aware, np.zeros(pieces, np.int64), np.zeros(pieces, np.int64),
-        np.zeros(pieces, np.int64), np.empty((begins[chunks], WIDTH)), begins, np.zeros(chunks, np.int64),
+        ends.state, ends.met_surface, ends.gone, ends.aware, np.zeros(pieces, np.int64),
+        np.zeros(pieces, np.int64), np.zeros(pieces, np.int64), np.empty((begins[chunks], WIDTH)), begins,
+        np.zeros(chunks, np.int64),
     )  # fmt: skip

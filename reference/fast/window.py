@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference.compiled import inner
+from reference.compiled import inner, part
 from reference.fast.events import told_of
 from reference.neighbors import half_period, nearest_image
 
@@ -69,15 +69,21 @@ def window_of(model, s, member, shape, margin):
 
 @inner
 def cut_out(source, window, target):
-    """Copy what is in the window of `source` to `target`."""
+    """Copy what is in the window of `source` (nx, ny) to `target` (nodes in it,), row by row."""
     n_x, n_y = source.shape
-    until_end = min(window.count_y, n_y - window.first_y)
+    nodes, until_end = source.reshape(-1), min(window.count_y, n_y - window.first_y)
     for a in range(window.count_x):
         row = window.first_x + a if window.first_x + a < n_x else window.first_x + a - n_x
-        for b in range(until_end):
-            target[a, b] = source[row, window.first_y + b]
-        for b in range(until_end, window.count_y):
-            target[a, b] = source[row, b - until_end]
+        begin = a * window.count_y
+        copy_nodes(nodes, row * n_y + window.first_y, target, begin, until_end)
+        copy_nodes(nodes, row * n_y, target, begin + until_end, window.count_y - until_end)
+
+
+@part
+def copy_nodes(source, begin, target, at, count):
+    """Copy numbers begin ... begin + count - 1 of `source` (n,) to `target`, from `at` on."""
+    for k in range(np.uint64(count)):
+        target[np.uint64(at) + k] = source[np.uint64(begin) + k]
 
 
 @inner
@@ -87,8 +93,8 @@ def copies_of(heights, above, window, flat, flat_steps):
     copies = Copies(
         flat[:nodes].reshape(shape), flat[nodes : 2 * nodes].reshape(shape), flat_steps[:nodes].reshape(shape)
     )
-    cut_out(heights, window, copies.heights)
-    cut_out(above, window, copies.above)
+    cut_out(heights, window, flat[:nodes])
+    cut_out(above, window, flat[nodes : 2 * nodes])
     copies.changed[:] = -1
     return copies
 
