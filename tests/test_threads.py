@@ -19,6 +19,7 @@ from cmpcheck.components.steppers import COARSER, allowed, apart, crowded, nudge
 from cmpcheck.suite import run_work
 from cmpcheck.suite_parts import ComponentTask
 from reference.fast.groups import PIECE
+from reference.fast.known import COLUMNS, K, note_way
 from reference.fast.pieces import CHUNK, share_out
 from reference.fast.swarm import MANY
 from reference.fast.threads import most_threads, use_threads
@@ -97,7 +98,27 @@ def test_many_particles_follow_the_answer_key_to_round_off(make, removals):
 
     Where triangles of the surface are larger than particles, several touch one that falls.
     """
-    setup = make()
+    follows_the_answer_key(make(), removals)
+
+
+def test_who_goes_farther_than_it_may_misses_nobody(monkeypatch):
+    """Ways are too short by 0.6 diameters a pair, so that most contacts are of two that have strayed."""
+    monkeypatch.setattr("reference.fast.known.LEEWAY", -0.3)
+    follows_the_answer_key(crowd(COARSER), 512)
+
+
+def test_the_way_of_a_particle_counts_the_step_that_threw_it_out_of_its_box():
+    """At 2 m/s at most for 10 steps, and at 5 in the last of them, which a new box tells afterwards."""
+    known = np.zeros(2 * COLUMNS)
+    known[COLUMNS + K.gone], known[COLUMNS + K.since] = 1.0, 7
+    note_way(known, 1, 17, 0.5, 5.0, 2.0)
+    assert known[COLUMNS + K.gone] == 1.0 + 0.5 * (9 * 2.0 + 5.0)
+    assert known[COLUMNS + K.since] == 17
+    assert (known[:COLUMNS] == 0.0).all()
+
+
+def follows_the_answer_key(setup: Setup, removals: int) -> None:
+    """Whether the fast stepper does what the plain one does, and removes more often than asked."""
     assert COUNT >= MANY
     assert COUNT > 2 * CHUNK * PIECE
     plain, fast, twin = map(simulate_setup, (setup, with_stepper(setup, "fast"), nudged(setup)))

@@ -14,6 +14,7 @@ import numpy as np
 from reference.compiled import inner, part
 from reference.fast.near import fastest, mean
 from reference.fast.watch import AHEAD, HORIZON, MARGIN, MOST_CLOSE, SAFETY, velocity_box
+from reference.fast.ways import LEEWAY, STEPS
 from reference.neighbors import half_period
 from reference.state import DEPOSIT_NONE, FLOW_COUETTE
 
@@ -71,6 +72,7 @@ class Fixed(NamedTuple):
     per_spacing: float  # one over the spacing of the nodes, 1/m
     around: float  # m, within which a particle may move for the map of the surface's maxima to hold
     room: float  # m, by which a look at the surface may reach ahead at most
+    leeway: float  # m a step, that a particle of many may go beyond its box, see `ways.allow_ways`
 
 
 @part
@@ -92,7 +94,7 @@ def fixed_of(model, numerics, dt, largest, mapped_within, room):
         viscous * viscous,
         0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
         remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
-        SAFETY * mapped_within - 0.5 * largest, room,
+        SAFETY * mapped_within - 0.5 * largest, room, LEEWAY * largest / STEPS,
     )  # fmt: skip
 
 

@@ -185,7 +185,7 @@ def march_many(
         if listed:
             ways_from(s, origin, periods, reach.apart)
         steps = min(last_step - step, STEPS)
-        allow_ways(reach, w.pace, steps, dt, largest, math.inf)
+        allow_ways(reach, w.pace, steps, fixed, math.inf)
         if not (listed and is_wide_enough(reach, largest)):
             mean_x, mean_y = renew_paces(s, w.pace)
             listed, reach.apart[:], pairs = True, 0.0, list_wide(s, WIDE, largest, periods, origin)
@@ -204,7 +204,7 @@ def march_many(
         time, made, anew = progress[P.time] if step == 0 else t_start + step * dt, False, False
         while not made:
             skin = 2.0 * steps * dt * speed / USED
-            allow_ways(reach, w.pace, steps, dt, largest, 0.5 * skin)
+            allow_ways(reach, w.pace, steps, fixed, 0.5 * skin)
             near = list_reachable(s, lists, reach, periods)
             if group_pairs(parent, lists.narrow, near) > GROUP or not is_wide_enough(reach, largest):
                 if steps == 1:

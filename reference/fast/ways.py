@@ -17,7 +17,7 @@ from reference.neighbors import half_period, nearest_image
 
 STEPS = 64  # of a block, at most
 WIDE = 1.5  # skin of the list of pairs from which those of a block are taken, of the largest diameter
-MORE = 0.1  # of the largest diameter, in as many steps: what a particle may go beyond its box
+LEEWAY = 0.1  # of the largest diameter, in as many steps: what a particle may go beyond its box
 ANEW = 1.1  # times as far as it has gone may a particle go when it is moved again
 
 
@@ -29,11 +29,11 @@ class Reach(NamedTuple):
 
 
 @inner
-def allow_ways(reach, pace, steps, dt, largest, most):
-    """Have particles go as far as their `pace` (m/s) lets them in so many steps, and more; `most` at most."""
+def allow_ways(reach, pace, steps, fixed, most):
+    """Have particles go as far as their `pace` (N,) lets them in so many steps, and more, up to `most` (m)."""
     way = reach.way
     for i in range(way.size):
-        way[i] = min(steps * (dt * pace[i] + MORE / STEPS * largest), most)
+        way[i] = min(steps * (fixed.dt * pace[i] + fixed.leeway), most)
 
 
 @inner

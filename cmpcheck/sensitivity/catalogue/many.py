@@ -44,6 +44,10 @@ ERRORS = (
         "pairs if model.has_pairs", "pairs[: pairs.shape[0] - 9] if model.has_pairs",
     ),
     Mutant(
+        "many: ways", "pairs are listed for a block as if particles stayed where they are",
+        f"{FAST}/ways.py:list_reachable", "s.radius[j] + way[i] + way[j]", "s.radius[j]",
+    ),
+    Mutant(
         "many: mass of a particle", "what a particle has picked up is lost at the end of a block",
         f"{FAST}/many.py:commit", "s.mass[i] = state[i, 6]", "s.mass[i] = s.mass[i]",
     ),
