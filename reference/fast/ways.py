@@ -30,7 +30,7 @@ class Reach(NamedTuple):
 
 @inner
 def allow_ways(reach, pace, steps, fixed, most):
-    """Have particles go as far as their `pace` (N,) lets them in so many steps, and more, up to `most` (m)."""
+    """Have particles go as far as their `pace` (N,) lets them in so many steps and more, up to `most` (m)."""
     way = reach.way
     for i in range(way.size):
         way[i] = min(steps * (fixed.dt * pace[i] + fixed.leeway), most)
@@ -75,24 +75,23 @@ def admit_strayed(s, lists, near, reach, gone, periods, parent, again):
     Both become of one group, which is marked in `again`; from then on they may go as far, and more.  Returns
     how many pairs are listed, `near` of them before.
     """
-    way = reach.way
-    farther, some = way.copy(), False
-    for i in range(way.size):
-        if gone[i] > way[i]:
-            farther[i], some = ANEW * gone[i], True
+    way, some = reach.way, False
+    for k in range(way.size):
+        some |= gone[k] > way[k]
     if not some:
         return near
+    farther = np.where(gone > way, ANEW * gone, way)
     wide, narrow = lists.wide, lists.narrow
     half_x, half_y, half_z = half_period(periods[0]), half_period(periods[1]), half_period(periods[2])
     for pair in range(wide.shape[0]):
-        i, j = np.int64(wide[pair, 0]), np.int64(wide[pair, 1])
+        i, j = wide[pair, 0], wide[pair, 1]
         if farther[i] > way[i] or farther[j] > way[j]:
             square, touching = square_of(s, i, j, periods, half_x, half_y, half_z), s.radius[i] + s.radius[j]
             before, now = touching + way[i] + way[j], touching + farther[i] + farther[j]
             if square < now * now and not square < before * before:
                 narrow[2 * near], narrow[2 * near + 1] = i, j
                 near += 1
-                unite(parent, i, j)
+                unite(parent, np.int64(i), np.int64(j))
                 again[i] = True
     way[:] = farther
     return near
