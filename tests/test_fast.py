@@ -29,7 +29,7 @@ from reference.fast.pairs import LANES, B, batch, durations, guess_durations, im
 from reference.fast.swarm import MANY
 from reference.process import build_setup
 from reference.recording import Run
-from reference.simulation import simulate_setup
+from reference.simulation import SimulationError, simulate_setup
 from reference.state import FLOW_NONE
 from reference.toml_source import CaseError
 
@@ -93,6 +93,18 @@ def test_the_fast_stepper_follows_the_answer_key_to_round_off(name, loop):
         assert (ours[column] == theirs[column]).all()
     assert fast.history["contacts"].iloc[-1] == plain.history["contacts"].iloc[-1]
     assert fast.history["removals"].iloc[-1] == plain.history["removals"].iloc[-1]
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_position_that_is_not_finite_ends_the_run_as_in_the_answer_key(axis, loop):
+    setup = shortened(polish({}), 100)
+    setup.state.position[1, axis] = np.nan
+    said = []
+    for one in (setup, with_stepper(setup, "fast")):
+        with pytest.raises(SimulationError) as error:
+            simulate_setup(one)
+        said.append(str(error.value))
+    assert said[0] == said[1]
 
 
 @pytest.mark.parametrize("room", [1, 60])
@@ -273,7 +285,7 @@ sys.path.insert(0, "tests")
 from test_fast import HELD, polish
 import reference.fast.stepper
 from cmpcheck.components.steppers import shortened, with_stepper
-from reference.simulation import simulate_setup
+from reference.simulation import SimulationError, simulate_setup
 reference.fast.few.REMAP = reference.fast.many.REMAP = 20  # steps, after which the surface is mapped anew
 reference.fast.stepper.MANY = int(sys.argv[1])  # particles, from which on the loop for many moves them
 reference.fast.many.GROUP = int(sys.argv[2])  # particles of a group, at most

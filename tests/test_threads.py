@@ -107,6 +107,15 @@ def test_who_goes_farther_than_it_may_misses_nobody(monkeypatch):
     follows_the_answer_key(crowd(COARSER), 512)
 
 
+def test_one_that_goes_its_diameter_in_a_step_is_moved_by_the_loop_for_many(monkeypatch):
+    """Blocks of one step then, of which the answer key makes none."""
+    setup = crowd(COARSER)
+    setup.state.velocity[0] = 100.0, 0.0, 0.0
+    assert 100.0 * setup.time_step >= 0.8 * setup.state.diameter[0]
+    monkeypatch.setattr("reference.fast.stepper.advance", None)
+    follows_the_answer_key(setup, 512)
+
+
 def test_the_way_of_a_particle_counts_the_step_that_threw_it_out_of_its_box():
     """At 2 m/s at most for 10 steps, and at 5 in the last of them, which a new box tells afterwards."""
     known = np.zeros(2 * COLUMNS)

@@ -28,7 +28,7 @@ class Known(NamedTuple):
     looked_x: int = 3  # and where, m
     looked_y: int = 4
     gone: int = 5  # the way it has gone at most, relative to the mean of all, until it had this box, m
-    since: int = 6  # step in which it was given it
+    since: int = 6  # step in which it was given it, or in which the block begins
 
 
 K = Known()
@@ -40,7 +40,7 @@ class Watch(NamedTuple):
 
     due: np.ndarray  # (N,), step in which it is looked at
     known: np.ndarray  # (COLUMNS N,), see `Known`
-    pace: np.ndarray  # (N,), highest speed in the box, relative to the mean of all, m/s
+    pace: np.ndarray  # (N,), highest speed in the box, or now, relative to the mean of all, m/s
     nonlinear: np.ndarray  # (N,), whether the Reynolds number may exceed 1
     close: np.ndarray  # (3 MOST_CLOSE N,), squares and sides of triangles that may be touched soon
     number: np.ndarray  # (N,), how many

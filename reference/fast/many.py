@@ -31,11 +31,12 @@ from reference.fast.harvest import (
 )
 from reference.fast.known import COLUMNS, K, fastest_flow, renew, renew_paces
 from reference.fast.near import Origin, list_wide, lists_of, settle, ways_from
+from reference.fast.particle import speed_apart
 from reference.fast.pieces import Block, World, ends_of, found_of, share_out
 from reference.fast.sweep import highest_of
 from reference.fast.ways import (
     STEPS,
-    WIDE,
+    WIDE_SKIN,
     Reach,
     admit_strayed,
     allow_ways,
@@ -46,7 +47,7 @@ from reference.pad import lowered_pad, lowest_pad_height
 from reference.timestep import DONE, LEDGER_FULL, P
 
 USED = 0.75  # of the way of the fastest: contacts may make one faster
-CROWDED = -3  # status: so many particles touch each other that they make no groups
+CROWDED = -3  # status: in one step already so many particles may touch each other that they make no groups
 
 
 @inner
@@ -55,6 +56,13 @@ def renew_all(model, fixed, s, w, pad_height, mean_x, mean_y):
     for i in range(w.pace.size):
         renew(model, fixed, s, w, i, 0, pad_height, mean_x, mean_y)
         w.known[COLUMNS * i + K.until] = -1.0
+
+
+@inner
+def quicken(s, pace, mean_x, mean_y):
+    """Have no `pace` (N,) be less than what a particle has now: one just thrown is not in its box."""
+    for i in range(pace.size):
+        pace[i] = max(pace[i], speed_apart(s.vx[i], s.vy[i], s.vz[i], mean_x, mean_y))
 
 
 @inner
@@ -109,7 +117,7 @@ def try_block(world, block, parent, order, tiles, lists, near, reach, speed, end
         harvest = bring_in(harvest, found, parts, since)
         fewer, worst = fewest(found, steps)
         again[:] = False
-        if fewer == steps:
+        if fewer == steps > 1:  # in one step all contacts are where it begins
             near = admit_strayed(s, lists, near, reach, ends.gone, world.periods, parent, again)
             if not is_wide_enough(reach, world.largest):
                 return steps // 2, harvest, CROWDED, 0
@@ -178,17 +186,18 @@ def march_many(
     parent, ends, reach = np.empty(n, np.int64), ends_of(n), Reach(np.empty(n), np.zeros(n))
     mean_x, mean_y, listed, rate = 0.0, 0.0, False, 0.0
     pad_height, row = progress[P.pad_height], int(progress[P.rows])
-    first_row, mapped, status = row, 0, DONE
+    first_row, mapped, ahead, status = row, 0, STEPS, DONE
     step = int(0.0)  # no literal, which is a type of its own: all would be compiled for both
     while step < last_step:
         settle(s, n, periods)
         if listed:
             ways_from(s, origin, periods, reach.apart)
-        steps = min(last_step - step, STEPS)
+        steps = min(last_step - step, ahead)
         allow_ways(reach, w.pace, steps, fixed, math.inf)
         if not (listed and is_wide_enough(reach, largest)):
             mean_x, mean_y = renew_paces(s, w.pace)
-            listed, reach.apart[:], pairs = True, 0.0, list_wide(s, WIDE, largest, periods, origin)
+            quicken(s, w.pace, mean_x, mean_y)
+            listed, reach.apart[:], pairs = True, 0.0, list_wide(s, WIDE_SKIN, largest, periods, origin)
             lists = lists_of(pairs if model.has_pairs else pairs[:0])
         if step == 0:
             renew_all(model, fixed, s, w, pad_height, mean_x, mean_y)
@@ -206,7 +215,8 @@ def march_many(
             skin = 2.0 * steps * dt * speed / USED
             allow_ways(reach, w.pace, steps, fixed, 0.5 * skin)
             near = list_reachable(s, lists, reach, periods)
-            if group_pairs(parent, lists.narrow, near) > GROUP or not is_wide_enough(reach, largest):
+            crowded = group_pairs(parent, lists.narrow, near) > GROUP
+            if crowded or (steps > 1 and not is_wide_enough(reach, largest)):
                 if steps == 1:
                     status = CROWDED
                     break
@@ -230,6 +240,7 @@ def march_many(
                     status, progress[P.culprit] = failed, order[culprit]
                     break
                 steps, anew = max(1, fewer if fewer > 0 else steps // 2), True
+                speed = max(speed, highest_of(w.pace))
         if not made:
             break
         end = row + begins[3 * steps]
@@ -243,7 +254,7 @@ def march_many(
                 highest = heights[top_x, top_y]
             if model.has_pad:
                 pad_height = lowered_pad(model, pad_height, lowest_pad_height(model, highest, largest), dt)
-        rate, row = (end - row) / steps, end
+        rate, row, ahead = (end - row) / steps, end, min(STEPS, 2 * steps)
         step += steps
         progress[P.time] = t_start + step * dt
     for k in range(first_row, row):

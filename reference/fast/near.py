@@ -19,7 +19,7 @@ from reference.neighbors import half_period, minimum_image, nearest_image, neigh
 from reference.timestep import wrap
 
 FEW = 200  # particles, up to which all pairs are looked at
-WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter
+WIDE, NARROW = 1.0, 0.1  # skins, of the largest diameter; those of many particles are in `ways.py`
 
 
 @inner

@@ -35,6 +35,8 @@ def in_tiles(position, largest, periods):
 
 def advance_fast(model, numerics, progress, t_end, steps_left, p, heights, rows):
     """Advance as `timestep.advance` does, with the scheme `point_implicit`; the same arguments and status."""
+    if not np.isfinite(p.position).all():  # what is looked up by position would be anything
+        return advance(model, numerics, progress, t_end, steps_left, p, heights, rows)
     n, t_start, before = len(p.mass), progress[P.time], progress[P.steps]
     dt = (t_end - t_start) / max(steps_left, 1)
     periods = np.array([model.length_x, model.length_y, model.length_z])

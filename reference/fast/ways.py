@@ -16,7 +16,7 @@ from reference.fast.groups import unite
 from reference.neighbors import half_period, nearest_image
 
 STEPS = 64  # of a block, at most
-WIDE = 1.5  # skin of the list of pairs from which those of a block are taken, of the largest diameter
+WIDE_SKIN = 1.5  # skin of the list of pairs from which those of a block are taken, of the largest diameter
 LEEWAY = 0.1  # of the largest diameter, in as many steps: what a particle may go beyond its box
 ANEW = 1.1  # times as far as it has gone may a particle go when it is moved again
 
@@ -39,10 +39,10 @@ def allow_ways(reach, pace, steps, fixed, most):
 @inner
 def is_wide_enough(reach, largest):
     """Whether all pairs that may touch on their ways are in the wide list."""
-    longest = 0.0
+    enough = True
     for i in range(reach.way.size):
-        longest = max(longest, reach.apart[i] + reach.way[i])
-    return longest <= 0.5 * WIDE * largest
+        enough &= reach.apart[i] + reach.way[i] <= 0.5 * WIDE_SKIN * largest
+    return enough
 
 
 @inner
