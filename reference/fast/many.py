@@ -116,12 +116,14 @@ def try_block(world, block, parent, order, tiles, lists, near, reach, speed, end
         since, pieces = pieces, pieces + parts.cuts.size - 1
         harvest = bring_in(harvest, found, parts, since)
         fewer, worst = fewest(found, steps)
+        if fewer < steps:
+            return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
         again[:] = False
-        if fewer == steps > 1:  # in one step all contacts are where it begins
+        if steps > 1:  # in one step all contacts are where it begins
             near = admit_strayed(s, lists, near, reach, ends.gone, world.periods, parent, again)
             if not is_wide_enough(reach, world.largest):
                 return steps // 2, harvest, CROWDED, 0
-        if fewer == steps and (run > 0 or removes(harvest)):
+        if run > 0 or removes(harvest):
             speed = max(speed, highest_of(world.w.pace))
             close, within = reaches(world, block, speed, drift)
             if not within <= width:
@@ -132,19 +134,15 @@ def try_block(world, block, parent, order, tiles, lists, near, reach, speed, end
             if run > 0:
                 enlist(bins, s, parts.member, ends.aware, model.length_x, model.length_y, run)
             spread_removals(harvest, bins, world, ends.met_surface, close, within, parent, again, run, since)
-        if fewer == steps and not again.any():
+        if not again.any():
             if model.has_pad and model.has_surface:
                 fewer = steps_until_lowered(
                     harvest, block.top_x, block.top_y, world.heights.shape, model.spacing, world.t_start,
                     fixed.dt, block.first, steps,
                 )  # fmt: skip
-            if fewer == steps:
-                return steps, harvest, DONE, 0
-            worst = 0
-        elif fewer == steps and largest_group(parent) > GROUP:
+            return fewer, harvest, DONE, 0
+        if largest_group(parent) > GROUP:
             return steps // 2, harvest, CROWDED, 0
-        if fewer < steps:
-            return fewer, harvest, found.status[worst], np.int64(found.culprit[worst])
         wanted[:] = False
         for i in range(n):
             wanted[parent[i]] |= again[i]
