@@ -157,6 +157,22 @@ def test_many_at_the_pad_get_all_at_once_what_they_get_one_by_one():
 
 
 @pytest.mark.nojit
+@pytest.mark.parametrize("first", [0, PAD])
+@pytest.mark.parametrize("speed", [-0.5, 0.5])
+def test_a_contact_waits_also_while_the_particle_turns_back(first, speed):
+    setup, arrays = layer()
+    _, x, v, f, _, _, state, _ = arrays
+    x[:, 2], v[:, 2], f[:3, 0] = setup.state.pad_height / MICRO, speed, 1e-3
+    state[:4, first + PHASE], state[:4, first + START] = WAITING, STEP - 3
+    state[0, first + START] = STEP - 1000  # longer than any contact waits
+    for last_step, at_pad in ((-1, 0), (STEP - 1, 0), (STEP - 1, len(x))):
+        contacts, travel = [], 0.0 if first == 0 else -MICRO
+        advanced(setup, arrays, "impulse", last_step, travel=travel, contacts=contacts, at_pad=at_pad)
+        waiting = contacts[0][:, first + PHASE] == WAITING
+        assert list(waiting[:4]) == [False, True, True, False]  # the last one has no pair force any more
+
+
+@pytest.mark.nojit
 def test_soft_contacts_with_the_pad_go_on_together_as_one_by_one():
     """Some end, some particles are faster than Stokes's law goes, and some have a pair force."""
     setup, arrays = layer()

@@ -31,7 +31,7 @@ from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import add_all, advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
 from cmpcheck.fixes.sweep import Local
-from reference.compiled import kernel
+from reference.compiled import kernel, part
 from reference.ledger import COLUMNS
 
 LEDGER_COLUMNS = len(COLUMNS)
@@ -98,7 +98,7 @@ def numbers(address, count):
     return carray(pointer_to(address), (count,), dtype=types.float64)
 
 
-@kernel
+@part
 def take_step(c, step, adds, n, tags, x):
     """Advance the particles of the one rank, and take off what they remove."""
     c.time_step = carray(pointer_to(c.dt_at), (1,), dtype=types.float64)[0] * MICRO

@@ -22,9 +22,10 @@ from cmpcheck.fixes.layout import (
 from cmpcheck.fixes.near import STEPS_AHEAD, WIDEST, contact_nearby, is_near, remember
 from cmpcheck.fixes.sweep import uncounted
 from reference import ledger as col
-from reference.collisions import SEARCH_MARGIN, impact_energy_lost, record_surface_impact
+from reference.collisions import SEARCH_MARGIN, drag_on, impact_energy_lost, record_surface_impact
 from reference.compiled import formula, inlined
 from reference.contact import compression_impulse, surface_normal_impulse
+from reference.fast.events import bounce, remarkable_speed
 from reference.heightfield import surface_contact
 from reference.pad import lowered_pad, lowest_pad_height, pad_velocity
 
@@ -111,20 +112,24 @@ def look_at_surface(c, k, position, speed, radius, heights, state, near):
 
 
 @inlined
-def is_left_alone(c, step, k, position, velocity, waits, radius, contact, near):
-    """Whether `impulse_contact` would do nothing for particle k, which overlaps what it may touch.
+def is_waiting(c, step, waits, contact):
+    """Whether a contact that has begun is not to act yet, whatever the particle does meanwhile.
 
-    So it is as long as it goes away from the surface, and while a contact waits.
+    An impulse acts after a native pair force on the particle (`waits`) has ended, or after two contact
+    durations.
     """
+    return contact[PHASE] == WAITING and waits and (step - contact[START]) * c.time_step < c.patience
+
+
+@inlined
+def is_leaving(c, k, position, velocity, radius, contact, near):
+    """Whether particle k goes away from the surface, which it overlaps, so that there is no contact."""
     x, y, z = position
     if not is_near(near, k, c.falls, x, y, z):
         return False
     found, overlap, nx, ny, nz, _, _, _ = contact_nearby(near, k, x, y, z, radius)
-    if not (found and overlap > 0.0):
+    if not (found and overlap > 0.0) or velocity[0] * nx + velocity[1] * ny + velocity[2] * nz < 0.0:
         return False
-    if velocity[0] * nx + velocity[1] * ny + velocity[2] * nz < 0.0:
-        waiting = contact[PHASE] == WAITING
-        return waiting and waits and (step - contact[START]) * c.time_step < c.patience
     contact[PHASE] = FREE
     return True
 
@@ -167,14 +172,25 @@ def soft_contact(
     return 0.0, 0.0, 0.0, close_impact(c, contact, v_half, mass, gained, rows)
 
 
+@inlined
+def slow_impact(c, acts, normal, position, v_half, v_n, mass, radius, modulus):
+    """Force J/dt in N along the normal of an impact that removes nothing."""
+    ex, ey, ez = drag_on(
+        c.model, c.pad_height, position[2], v_half[0], v_half[1], v_half[2], 2.0 * radius
+    )  # fmt: skip
+    e_n = ex * normal[0] + ey * normal[1] + ez * normal[2]
+    j, _ = bounce(c.model, acts, mass, radius, modulus, -v_n, e_n)
+    return j / acts
+
+
 @uncounted
 def impulse_contact(
     c, step, acts, waits, touch, position, v_half, mass, radius, tag, modulus, contact, rows
 ):  # fmt: skip
     """Impulsive contact with the surface: (force in N, three components; mass gained in kg).
 
-    Paper: Eqs. (29)-(31).  The force J/dt acts for one step, after a native pair force on the particle
-    (`waits`) has ended, or after two contact durations.  A negative mass is minus an error code.
+    Paper: Eqs. (29)-(31).  The force J/dt acts for one step; not asked while the contact waits, see
+    `is_waiting`.  A negative mass is minus an error code.
     """
     model = c.model
     overlap, nx, ny, nz, qx, qy, qz = touch
@@ -186,8 +202,12 @@ def impulse_contact(
         return 0.0, 0.0, 0.0, 0.0
     if contact[PHASE] == FREE:
         contact[PHASE], contact[START] = WAITING, step
-    if waits and (step - contact[START]) * c.time_step < c.patience:
-        return 0.0, 0.0, 0.0, 0.0
+        if is_waiting(c, step, waits, contact):
+            return 0.0, 0.0, 0.0, 0.0
+    if -v_n < remarkable_speed(model, c.ledger_speed):  # no row is kept of it, see `is_kept`
+        contact[PHASE] = FREE
+        slow = slow_impact(c, acts, (nx, ny, nz), position, v_half, v_n, mass, radius, modulus)
+        return slow * nx, slow * ny, slow * nz, 0.0
     record_surface_impact(
         model, c.pad_height, contact[START] * c.time_step, tag - 1, (nx, ny, nz, qx, qy, qz), position,
         v_half, mass, 2.0 * radius, modulus, contact[: rows.shape[1]],
@@ -251,16 +271,18 @@ def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
 def impulse_pad(c, step, acts, waits, position, v_half, mass, radius, tag, contact, rows):
     """Impulsive contact with the pad: (force downwards in N for this step, error code).
 
-    Paper: Section 4; J = (1+e_pad) m (v_z + V_z).  It waits as `impulse_contact` does.
+    Paper: Section 4; J = (1+e_pad) m (v_z + V_z).
     """
+    if is_waiting(c, step, waits, contact):
+        return 0.0, NO_ERROR
     approach = v_half[2] + c.pad_velocity
     if position[2] + radius <= c.pad_height or approach <= 0.0:
         contact[PHASE] = FREE
         return 0.0, NO_ERROR
     if contact[PHASE] == FREE:
         contact[PHASE], contact[START] = WAITING, step
-    if waits and (step - contact[START]) * c.time_step < c.patience:
-        return 0.0, NO_ERROR
+        if is_waiting(c, step, waits, contact):
+            return 0.0, NO_ERROR
     j = surface_normal_impulse(mass, -approach, c.model.pad_restitution)
     if approach < c.ledger_speed:  # no row is kept of it, see `is_kept`: the pad removes nothing
         contact[PHASE] = FREE

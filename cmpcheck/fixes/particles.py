@@ -15,7 +15,8 @@ import numpy as np
 from cmpcheck.fixes.contacts import (
     impulse_contact,
     impulse_pad,
-    is_left_alone,
+    is_leaving,
+    is_waiting,
     look_at_surface,
     soft_contact,
     soft_pad,
@@ -42,6 +43,7 @@ from cmpcheck.fixes.layout import (
 from cmpcheck.fixes.press import press_down
 from cmpcheck.fixes.sweep import (
     SURELY,
+    in_place,
     list_due,
     meet,
     show_contacts,
@@ -96,7 +98,7 @@ def fail(c, code, step, tag):
         c.error, c.error_step, c.error_tag = code, step, tag
 
 
-@uncounted
+@in_place
 def advance_particles(
     c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
 ):  # fmt: skip
@@ -152,9 +154,9 @@ def advance_particles(
             contact = state[i]
             if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
                 waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0
-                if is_left_alone(
-                    c, step, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
-                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), waits, radius[i] * MICRO, contact, near,
+                if is_waiting(c, step, waits, contact) or is_leaving(
+                    c, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
+                    (v[3 * i], v[3 * i + 1], v[3 * i + 2]), radius[i] * MICRO, contact, near,
                 ):  # fmt: skip
                     if adds:
                         add_given(i, f, given)
@@ -244,7 +246,9 @@ def advance_particle(
         if error != NO_ERROR:
             return error
     sx, sy, sz, gained = 0.0, 0.0, 0.0, 0.0
-    if model.has_surface and (contact[PHASE] != FREE or contact[CLEARANCE] <= 0.0):
+    if is_waiting(c, step, waits, contact):  # in the impulse form alone
+        pass
+    elif model.has_surface and (contact[PHASE] != FREE or contact[CLEARANCE] <= 0.0):
         speed = abs(vx) + abs(vy) + abs(vz)
         touch = look_at_surface(c, tag - 1, (px, py, pz), speed, radius_i, heights, contact, near)
         seen[0], seen[1], seen[2], seen[3] = px, py, pz, radius_i + contact[CLEARANCE]

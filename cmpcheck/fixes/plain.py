@@ -101,11 +101,18 @@ def velocity_now(p: Particle, e: np.ndarray) -> np.ndarray:
     return p.half_velocity + p.lag / p.mass * (e + p.pair_force)
 
 
-def waits(c: Any, p: Particle, contact: np.ndarray, step: int) -> bool:
-    """Whether an impulse is held back for the sake of a pair force; notes when the contact began."""
-    if contact[PHASE] == FREE:
-        contact[PHASE], contact[START] = WAITING, step
-    return bool(p.pair_force.any() and (step - contact[START]) * c.time_step < c.patience)
+def is_waiting(c: Any, p: Particle, contact: np.ndarray, step: int) -> bool:
+    """Whether an impulse is held back for the sake of a pair force, whatever the particle does meanwhile."""
+    recent = (step - contact[START]) * c.time_step < c.patience
+    return bool(contact[PHASE] == WAITING and p.pair_force.any() and recent)
+
+
+def begins_to_wait(c: Any, p: Particle, contact: np.ndarray, step: int) -> bool:
+    """Whether an impulse is held back that has not been yet; notes when the contact began."""
+    if contact[PHASE] != FREE:
+        return False
+    contact[PHASE], contact[START] = WAITING, step
+    return is_waiting(c, p, contact, step)
 
 
 def soft_contact(c: Any, p: Particle, step: int, e: np.ndarray, touch: tuple, rows: np.ndarray) -> Outcome:
@@ -138,13 +145,15 @@ def soft_contact(c: Any, p: Particle, step: int, e: np.ndarray, touch: tuple, ro
 
 def impulse_contact(c: Any, p: Particle, step: int, touch: tuple, rows: np.ndarray) -> Outcome:
     """Force J/dt along the normal for one step, once no pair force acts, and the mass gained (Eqs 29-31)."""
+    if is_waiting(c, p, p.contact, step):
+        return np.zeros(3), 0.0
     found, overlap, nx, ny, nz, qx, qy, qz, _ = touch
     n = np.array([nx, ny, nz])
     v_n = dot(p.half_velocity, n)
     if not (found and overlap > 0.0 and v_n < 0.0):
         p.contact[PHASE] = FREE
         return np.zeros(3), 0.0
-    if waits(c, p, p.contact, step):
+    if begins_to_wait(c, p, p.contact, step):
         return np.zeros(3), 0.0
     open_contact(c, p, p.contact[START] * c.time_step, p.half_velocity, (nx, ny, nz, qx, qy, qz))
     duration, e = p.contact[col.DURATION], c.model.restitution
@@ -187,11 +196,13 @@ def soft_pad(c: Any, p: Particle, step: int, e: np.ndarray, rows: np.ndarray) ->
 
 def impulse_pad(c: Any, p: Particle, step: int, rows: np.ndarray) -> float:
     """Force of the pad, J/dt downwards for one step, once no pair force acts."""
+    if is_waiting(c, p, p.pad, step):
+        return 0.0
     approach = p.half_velocity[2] + c.pad_velocity
     if p.position[2] + p.radius <= c.pad_height or approach <= 0.0:
         p.pad[PHASE] = FREE
         return 0.0
-    if waits(c, p, p.pad, step):
+    if begins_to_wait(c, p, p.pad, step):
         return 0.0
     open_pad_contact(c, p, p.pad[START] * c.time_step, approach)
     j = surface_normal_impulse(p.mass, -approach, c.model.pad_restitution)

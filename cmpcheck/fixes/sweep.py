@@ -38,6 +38,10 @@ from reference.state import FLOW_NONE, Model
 
 # A kernel that makes no array: the references to those it is given are not counted.
 uncounted = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False, no_cfunc_wrapper=True)
+# The same, put in place where compiled code calls it: handing on an array takes seven words.
+in_place = numba.njit(
+    cache=True, error_model="numpy", nogil=True, _nrt=False, no_cfunc_wrapper=True, forceinline=True
+)
 
 NO_CONTACT = math.nan
 NOTHING = -0.0  # what a force plus it is that force to the bit, also where that is -0.0
@@ -147,7 +151,7 @@ def sweep_form(
             pushed = abs(fx) + abs(fy) + abs(fz)
             no_contact = since[i] != since[i]
             struck = (reason > 0.0) & no_contact & (pushed <= 0.0) & (approach < kept)
-            held = (reason > 0.0) & (pushed > 0.0) & ((now - since[i]) * dt < patience)
+            held = (pushed > 0.0) & ((now - since[i]) * dt < patience)
             push = surface_normal_impulse(m, -approach, model.pad_restitution) / dt
             ez -= push if struck else 0.0
             reason = 0.0 if struck | held | ((reason <= 0.0) & no_contact) else 1.0

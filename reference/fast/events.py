@@ -18,9 +18,10 @@ from reference.collisions import (
     record_pair_contact,
     strike_surface,
 )
-from reference.compiled import inner, part
+from reference.compiled import formula, inner, part
 from reference.contact import compression_impulse, effective_modulus, surface_normal_impulse
 from reference.neighbors import minimum_image
+from reference.state import DEPOSIT_NONE
 from reference.timestep import P, wrap
 
 
@@ -67,14 +68,20 @@ def record_pad(model, numerics, time, pad_height, descent, n, s, velocity, rows,
     return row
 
 
+@formula
+def remarkable_speed(model, ledger_speed):
+    """Approach (m/s) from which an impact on the surface may remove something, or has a ledger row."""
+    return ledger_speed if model.deposit == DEPOSIT_NONE else min(ledger_speed, model.threshold_velocity)
+
+
 @part
-def bounce(model, dt, mass, radius, modulus, closing, acceleration):
+def bounce(model, dt, mass, radius, modulus, closing, external_force):
     """Impulse (N s) of the surface on a particle that comes down at `closing` > 0 (m/s), and duration (s).
 
-    What `strike` finds where nothing is removed; `acceleration` is that of the drag along the normal, m/s2.
+    What `strike` finds where nothing is removed; the `external_force` is the drag along the normal, N.
     """
     duration = duration_of(model, mass, radius, effective_modulus(modulus, model.surface_modulus), closing)
-    external = compression_impulse(mass * acceleration, duration, dt, model.restitution)
+    external = compression_impulse(external_force, duration, dt, model.restitution)
     return surface_normal_impulse(mass, -closing, model.restitution, external), duration
 
 

@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from reference.compiled import inner, part
+from reference.fast.events import remarkable_speed
 from reference.fast.near import fastest, mean
 from reference.fast.watch import AHEAD, HORIZON, MARGIN, MOST_CLOSE, SAFETY, velocity_box
 from reference.fast.ways import LEEWAY, STEPS
 from reference.neighbors import half_period
-from reference.state import DEPOSIT_NONE, FLOW_COUETTE
+from reference.state import FLOW_COUETTE
 
 
 class Known(NamedTuple):
@@ -85,15 +86,13 @@ def fixed_of(model, numerics, dt, largest, mapped_within, room):
     """`Fixed` for steps of `dt`; the map of the surface looks `mapped_within` (m) around."""
     couette = model.flow == FLOW_COUETTE
     viscous = model.viscosity / model.fluid_density if model.fluid_density > 0.0 else math.inf
-    remarkable = numerics.ledger_speed
-    if model.deposit != DEPOSIT_NONE:
-        remarkable = min(remarkable, model.threshold_velocity)
     return Fixed(
         dt, half_period(model.length_x), half_period(model.length_y), half_period(model.length_z),
         MARGIN * fastest_flow(model),
         viscous * viscous,
         0.0 if couette else model.flow_x, 0.0 if couette else model.flow_y, 0.0 if couette else model.flow_z,
-        remarkable, AHEAD * dt, 1.0 / model.spacing if model.has_surface else 0.0,
+        remarkable_speed(model, numerics.ledger_speed), AHEAD * dt,
+        1.0 / model.spacing if model.has_surface else 0.0,
         SAFETY * mapped_within - 0.5 * largest, room, LEEWAY * largest / STEPS,
     )  # fmt: skip
 

@@ -92,8 +92,9 @@ def hit_surface(
     else:
         ax, ay, az = acceleration_in(model, s, w.nonlinear, shear, pad_height, i)
         normal, lasting = bounce(
-            model, fixed.dt, s.mass[i], s.radius[i], s.modulus[i], closing, ax * nx + ay * ny + az * nz
-        )
+            model, fixed.dt, s.mass[i], s.radius[i], s.modulus[i], closing,
+            s.mass[i] * (ax * nx + ay * ny + az * nz),
+        )  # fmt: skip
     s.jx[i] += normal * nx
     s.jy[i] += normal * ny
     s.jz[i] += normal * nz
