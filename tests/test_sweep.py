@@ -18,9 +18,9 @@ from cmpcheck.fixes.layout import (
     TOUCHING,
     WAITING,
 )
+from cmpcheck.fixes.local import NO_CONTACT, show_contacts, waiting_since, way_since
 from cmpcheck.fixes.memory import Memory
 from cmpcheck.fixes.particles import advance_particles
-from cmpcheck.fixes.sweep import NO_CONTACT, show_contacts, waiting_since, way_since
 from reference.case import load_case
 from reference.process import build_setup
 
@@ -187,12 +187,14 @@ def test_soft_contacts_with_the_pad_go_on_together_as_one_by_one():
     assert len(looked_at) == n
     travel = np.full(n, MICRO)
     travel[-8:-5] = 0.0  # the surface may be near
-    together, rest = advanced(setup, arrays, "soft", STEP - 1, travel=travel, contacts=contacts)
+    few, _ = advanced(setup, arrays, "soft", STEP - 1, travel=travel, contacts=contacts)
+    together, rest = advanced(setup, arrays, "soft", STEP - 1, travel=travel, contacts=contacts, at_pad=n)
     ended = np.flatnonzero(contacts[0][:, PAD + PHASE] != TOUCHING)
     assert 0 < len(ended) < len(rest) < n - 5
     assert {*ended, *range(n - 8, n)} <= set(rest)
+    np.testing.assert_array_equal(few, alone)
     np.testing.assert_array_equal(together, alone)
-    np.testing.assert_array_equal(contacts[1], contacts[0])
+    np.testing.assert_array_equal(contacts[1:], [contacts[0]] * 2)
 
 
 @pytest.mark.nojit

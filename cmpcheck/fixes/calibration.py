@@ -10,6 +10,8 @@ import math
 
 from scipy.optimize import brentq
 
+from reference.compiled import formula
+
 
 def _half_phase(z: float) -> float:
     """omega0 t_c/2 = acos(z)/sqrt(1 - z^2) and its continuation beyond critical damping, z > 1."""
@@ -60,3 +62,18 @@ def spring(restitution: float, contact_duration: float) -> tuple[float, float]:
     z = damping_ratio(restitution)
     omega0 = 2.0 * _half_phase(z) / contact_duration
     return omega0 * omega0, 2.0 * z * omega0
+
+
+@formula
+def eased(damping, lag):
+    """What lowers a dashpot's force: for `lag` (s) it acts on the velocity that it is taken from."""
+    return 1.0 / (1.0 + damping * lag)
+
+
+@formula
+def spring_dashpot(spring, damping, ease, mass, overlap, v_n):
+    """Force k x - c v_n at the time of the overlap, in N, from the v_n that would be there without it.
+
+    `ease` is what `eased` gives.
+    """
+    return ease * (mass * (spring * overlap - damping * v_n))

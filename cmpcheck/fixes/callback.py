@@ -26,11 +26,11 @@ from cmpcheck.fixes.layout import (
     OPEN_COLUMNS,
     STATE_COLUMNS,
 )
+from cmpcheck.fixes.local import Local
 from cmpcheck.fixes.near import MOST_SQUARES, Near
 from cmpcheck.fixes.pairs import observe_pairs
 from cmpcheck.fixes.particles import add_all, advance_particles, remove_in_order
 from cmpcheck.fixes.samples import collect_by_tag, is_sampled, store_sample
-from cmpcheck.fixes.sweep import Local
 from reference.compiled import kernel, part
 from reference.ledger import COLUMNS
 
@@ -113,7 +113,7 @@ def take_step(c, step, adds, n, tags, x):
     local = Local(
         carray(pointer_to(c.tag_at), (c.particles,), dtype=types.int32), numbers(c.travel_at, c.particles),
         numbers(c.since_at, c.particles), carray(pointer_to(c.due_at), (c.particles,), dtype=types.uint32),
-        floats(c.seen_at, c.particles, 4),
+        numbers(c.push_at, c.particles), numbers(c.rising_at, c.particles), floats(c.seen_at, c.particles, 4),
     )  # fmt: skip
     near = Near(
         floats(c.place_at, c.particles, 4),

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+from cmpcheck.fixes.calibration import eased, spring_dashpot
+from cmpcheck.fixes.kernels import uncounted
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     FREE,
@@ -20,7 +22,6 @@ from cmpcheck.fixes.layout import (
     WAITING,
 )
 from cmpcheck.fixes.near import STEPS_AHEAD, WIDEST, contact_nearby, is_near, remember
-from cmpcheck.fixes.sweep import uncounted
 from reference import ledger as col
 from reference.collisions import SEARCH_MARGIN, drag_on, impact_energy_lost, record_surface_impact
 from reference.compiled import formula, inlined
@@ -71,12 +72,6 @@ def close_impact(c, contact, velocity, mass, gained, rows):
         for axis in range(3):
             velocity[axis] *= mass / (mass + gained)
     return gained
-
-
-@formula
-def spring_dashpot(c, spring, damping, mass, overlap, v_n):
-    """Force k x - c v_n at the time of the overlap, in N, from the v_n that would be there without it."""
-    return mass * (spring * overlap - damping * v_n) / (1.0 + damping * c.lag)
 
 
 @formula
@@ -160,7 +155,7 @@ def soft_contact(
         contact[PHASE] = TOUCHING
     force = 0.0
     if overlaps:
-        force = spring_dashpot(c, c.spring, c.damping, mass, overlap, v_n)
+        force = spring_dashpot(c.spring, c.damping, eased(c.damping, c.lag), mass, overlap, v_n)
     if force > 0.0:
         contact[col.NORMAL_IMPULSE] += force * acts
         contact[col.CONTACT_TIME] += acts
@@ -258,12 +253,13 @@ def soft_pad(c, time, acts, position, v_free, mass, radius, tag, contact, rows):
         contact[PHASE] = TOUCHING
     force = 0.0
     if overlap > 0.0:
-        force = spring_dashpot(c, c.pad_spring, c.pad_damping, mass, overlap, -approach)
+        ease = eased(c.pad_damping, c.lag)
+        force = spring_dashpot(c.pad_spring, c.pad_damping, ease, mass, overlap, -approach)
     if force <= 0.0:
         return 0.0, close_contact(c, contact, rows)
     contact[col.NORMAL_IMPULSE] += force * acts
     contact[col.CONTACT_TIME] += acts
-    contact[col.ENERGY_LOST] += force * acts * (v_free[2] - c.lag * force / mass)
+    contact[col.ENERGY_LOST] += force * acts * (v_free[2] - c.lag / mass * force)
     return force, NO_ERROR
 
 

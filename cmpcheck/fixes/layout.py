@@ -125,9 +125,11 @@ CONTEXT = np.dtype(
         ("name_rmass_at", "i8"),
         ("name_state_at", "i8"),
         ("name_given_at", "i8"),
-        ("tag_at", "i8"),  # those of sweep.Local
+        ("tag_at", "i8"),  # those of local.Local
         ("travel_at", "i8"),
         ("since_at", "i8"),
+        ("push_at", "i8"),
+        ("rising_at", "i8"),
         ("due_at", "i8"),
         ("seen_at", "i8"),
         ("place_at", "i8"),  # and those of near.Near

@@ -11,8 +11,8 @@ import pandas as pd
 from cmpcheck.engines.lammps_library import function_address, global_address
 from cmpcheck.fixes.calibration import spring
 from cmpcheck.fixes.layout import BY_TAG_COLUMNS, CONTEXT, FORMS, OBSERVE, OPEN_COLUMNS, SOFT
+from cmpcheck.fixes.local import empty_local
 from cmpcheck.fixes.near import empty_near
-from cmpcheck.fixes.sweep import empty_local
 from reference.ledger import empty_ledger, ledger_frame
 from reference.state import Model
 
@@ -36,7 +36,7 @@ class Memory:
 
     Attributes: `context` (a record, see `layout.CONTEXT`), `modulus` (N,), `heights` (nx, ny), `rows` (the
     ledger), `by_tag`, `position`, `pairs` and `listed` (the positions when they were listed), `open_pairs`,
-    `samples`, `local` (see `sweep.Local`), `near` (see `near.Near`).
+    `samples`, `local` (see `local.Local`), `near` (see `near.Near`).
     """
 
     def __init__(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmpcheck.fixes.sweep import uncounted
+from cmpcheck.fixes.kernels import uncounted
 from reference.compiled import inlined
 from reference.triangle import closest_point_on_triangle
 

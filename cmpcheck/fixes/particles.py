@@ -21,6 +21,7 @@ from cmpcheck.fixes.contacts import (
     soft_contact,
     soft_pad,
 )
+from cmpcheck.fixes.kernels import in_place, uncounted
 from cmpcheck.fixes.layout import (
     CLEARANCE,
     EVALUATED,
@@ -40,22 +41,16 @@ from cmpcheck.fixes.layout import (
     PICOGRAM,
     SOFT,
 )
-from cmpcheck.fixes.press import press_down
+from cmpcheck.fixes.local import meet, show_contacts, strangers, waiting_since, way_left, way_since
 from cmpcheck.fixes.sweep import (
     SURELY,
-    in_place,
     list_due,
-    meet,
-    show_contacts,
     stokes_drag,
     stokes_factor,
-    strangers,
+    sum_up_pushes,
     sweep,
     sweep_with_pad,
-    uncounted,
-    waiting_since,
-    way_left,
-    way_since,
+    sweep_with_press,
 )
 from reference import ledger as col
 from reference.collisions import commit_removal, drag_on
@@ -98,36 +93,24 @@ def fail(c, code, step, tag):
         c.error, c.error_step, c.error_tag = code, step, tag
 
 
-@in_place
-def advance_particles(
-    c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
+@inlined
+def advance_form(
+    form, c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
 ):  # fmt: skip
-    """Note the forces of this step in `given`, in LAMMPS units; finished contacts go to `rows`.
-
-    Arrays of the rank's own atoms, in LAMMPS units: x, v, f, rows of three one behind the other, (3 n,);
-    radius, mass (n,); state (n, STATE_COLUMNS), given, rows of GIVEN_COLUMNS one behind the other.  `v` and
-    `mass` change when a particle picks up material.
-    `f` comes with what else acts; when the fix `adds`, it goes with the forces of this step in it. Otherwise
-    `add_all` adds them, once the pairs have been observed. After an error they are in it for some or none.
-    `heights` is only read.  `local` is a `sweep.Local`, `near` a `near.Near`.
-    Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
-    """
-    c.lag, c.pushed = 0.0, 0
-    if c.form == OBSERVE:
-        observe_particles(c, step, tags, x, v, f, mass, given)
-        return
+    """`advance_particles` in one form: each is compiled without what the other one needs."""
     if strangers(local.tag, tags) > 0:
         meet(c.model, local, tags, x, radius, state)
     travel, since = local.travel[: tags.size], local.since[: tags.size]
+    push, rising = local.push[: tags.size], local.rising[: tags.size]
     usual = 0 <= c.last_step < step
     if usual:
         c.lag = 0.5 * c.time_step
     factor = stokes_factor(c.model)
     strikes, kept = math.inf, -math.inf  # a soft pad also by what else acts
-    if c.form == IMPULSE:
+    if form == IMPULSE:
         strikes, kept = c.pad_velocity, c.ledger_speed
-    many = c.form == IMPULSE and c.at_pad * FEW >= tags.size
-    if c.many:  # how many there are by now is told by the other loop
+    many = c.at_pad * FEW >= tags.size
+    if c.many and form == IMPULSE:  # how many there are by now is told by the other loop
         many = step % RECOUNTED != 0
         if not many:
             show_contacts(travel, since)
@@ -139,20 +122,25 @@ def advance_particles(
             some, rows_of_three = slice(begin, end), slice(3 * begin, 3 * end)
             arrays = (
                 x[rows_of_three], v[rows_of_three], f[rows_of_three], radius[some], mass[some], travel[some],
-                since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)],
+                since[some], given[slice(GIVEN_COLUMNS * begin, GIVEN_COLUMNS * end)], push[some],
+                rising[some],
             )  # fmt: skip
             arguments = (adds, c, step, strikes, kept, factor, *arrays)
-            if many:
+            if not many:
+                sweep(*arguments)
+            elif form == IMPULSE:
                 sweep_with_pad(*arguments)
             else:
-                sweep(*arguments)
+                sweep_with_press(*arguments)
             count = np.int64(list_due(travel[some], local.due))
-            if c.form == SOFT and count > 0:
-                count = np.int64(press_down(adds, c, *arrays, state[some], factor, local.due, count))
+            if many and form == SOFT:
+                others = np.int64(sum_up_pushes(c, state[some], push[some], rising[some], local.due, count))
+                c.at_pad += count - others
+                count = others
         for number in range(count):
             i = begin + local.due[number] if usual else begin + number
             contact = state[i]
-            if usual and c.form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
+            if usual and form == IMPULSE and math.copysign(1.0, travel[i]) > 0.0:  # at the surface alone
                 waits = f[3 * i] != 0.0 or f[3 * i + 1] != 0.0 or f[3 * i + 2] != 0.0
                 if is_waiting(c, step, waits, contact) or is_leaving(
                     c, tags[i] - 1, (x[3 * i] * MICRO, x[3 * i + 1] * MICRO, x[3 * i + 2] * MICRO),
@@ -168,7 +156,7 @@ def advance_particles(
                 contact[CLEARANCE] = way_since(c.model, seen, x[3 * i : 3 * i + 3], radius[i])
                 near.place[tags[i] - 1, 3] = -1.0
             error = advance_particle(
-                c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given, modulus,
+                form, c, step, usual, i, tags[i], x, v, f, radius, mass, contact, seen, given, modulus,
                 heights, rows, near, factor,
             )  # fmt: skip
             if error != NO_ERROR:
@@ -179,6 +167,36 @@ def advance_particles(
                 add_given(i, f, given)
     if c.observe_pairs:
         c.pushed = count_pushed(f)
+
+
+@in_place
+def advance_particles(
+    c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local, near
+):  # fmt: skip
+    """Note the forces of this step in `given`, in LAMMPS units; finished contacts go to `rows`.
+
+    Arrays of the rank's own atoms, in LAMMPS units: x, v, f, rows of three one behind the other, (3 n,);
+    radius, mass (n,); state (n, STATE_COLUMNS), given, rows of GIVEN_COLUMNS one behind the other.  `v` and
+    `mass` change when a particle picks up material.
+    `f` comes with what else acts; when the fix `adds`, it goes with the forces of this step in it. Otherwise
+    `add_all` adds them, once the pairs have been observed. After an error they are in it for some or none.
+    `heights` is only read.  `local` is a `local.Local`, `near` a `near.Near`.
+    Every `run` evaluates the last step of the one before again: it gets the same forces, and nothing else.
+    """
+    c.lag, c.pushed = 0.0, 0
+    if c.form == OBSERVE:
+        observe_particles(c, step, tags, x, v, f, mass, given)
+        return
+    if c.form == IMPULSE:
+        advance_form(
+            IMPULSE, c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local,
+            near,
+        )  # fmt: skip
+    else:
+        advance_form(
+            SOFT, c, step, adds, tags, x, v, f, radius, mass, state, given, modulus, heights, rows, local,
+            near,
+        )  # fmt: skip
 
 
 @uncounted
@@ -209,7 +227,8 @@ def count_pushed(f):
 
 @inlined
 def advance_particle(
-    c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, modulus, heights, rows, near, factor,
+    form, c, step, usual, i, tag, x, v, f, radius, mass, contact, seen, given, modulus, heights, rows, near,
+    factor,
 ):  # fmt: skip
     """Note the force on atom i in `given`, whatever acts; return an error code.
 
@@ -237,7 +256,7 @@ def advance_particle(
     pad = contact[PAD:PAD_END]
     if model.has_pad and (pz + radius_i > c.pad_height or pad[PHASE] != FREE):
         c.at_pad += 1
-        if c.form == IMPULSE:
+        if form == IMPULSE:
             push, error = impulse_pad(
                 c, step, acts, waits, (px, py, pz), (vx, vy, vz), m, radius_i, tag, pad, rows
             )
@@ -254,7 +273,7 @@ def advance_particle(
         seen[0], seen[1], seen[2], seen[3] = px, py, pz, radius_i + contact[CLEARANCE]
         if contact[PHASE] == FREE and contact[CLEARANCE] > 0.0:
             pass  # too far off
-        elif c.form == IMPULSE:
+        elif form == IMPULSE:
             sx, sy, sz, gained = impulse_contact(
                 c, step, acts, waits, touch, (px, py, pz), v[3 * i : 3 * i + 3], m, radius_i, tag,
                 modulus[tag - 1], contact, rows,

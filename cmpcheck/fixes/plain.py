@@ -129,7 +129,7 @@ def soft_contact(c: Any, p: Particle, step: int, e: np.ndarray, touch: tuple, ro
         p.contact[PHASE] = TOUCHING
     force = 0.0
     if overlaps:
-        force = p.mass * (c.spring * overlap - c.damping * v_n) / (1.0 + c.damping * p.lag)
+        force = 1.0 / (1.0 + c.damping * p.lag) * (p.mass * (c.spring * overlap - c.damping * v_n))
     if force > 0.0:
         p.contact[col.NORMAL_IMPULSE] += force * p.acts
         p.contact[col.CONTACT_TIME] += p.acts
@@ -184,13 +184,14 @@ def soft_pad(c: Any, p: Particle, step: int, e: np.ndarray, rows: np.ndarray) ->
             return 0.0
         open_pad_contact(c, p, step * c.time_step, approach)
         p.pad[PHASE] = TOUCHING
-    force = p.mass * (c.pad_spring * overlap + c.pad_damping * approach) / (1.0 + c.pad_damping * p.lag)
+    force = p.mass * (c.pad_spring * overlap + c.pad_damping * approach)
+    force *= 1.0 / (1.0 + c.pad_damping * p.lag)
     if overlap <= 0.0 or force <= 0.0:
         close_contact(c, p.pad, rows)
         return 0.0
     p.pad[col.NORMAL_IMPULSE] += force * p.acts
     p.pad[col.CONTACT_TIME] += p.acts
-    p.pad[col.ENERGY_LOST] += force * p.acts * (v_z - p.lag * force / p.mass)
+    p.pad[col.ENERGY_LOST] += force * p.acts * (v_z - p.lag / p.mass * force)
     return float(force)
 
 

@@ -25,7 +25,7 @@ MUTANTS = (
     ),
     Mutant(
         "fix: dashpot", "the dashpot of a soft contact with the surface is off by a factor",
-        f"{FIXES}/contacts.py:spring_dashpot",
+        f"{FIXES}/calibration.py:spring_dashpot",
         "mass * (spring * overlap - damping * v_n)",
         "mass * (spring * overlap - (1.0 + SIZE) * damping * v_n)",
         0.01, "%", side="lammps", cases=(*WALL, *PAD),
