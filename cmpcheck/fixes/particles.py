@@ -265,7 +265,7 @@ def advance_particle(
         if error != NO_ERROR:
             return error
     sx, sy, sz, gained = 0.0, 0.0, 0.0, 0.0
-    if is_waiting(c, step, waits, contact):  # in the impulse form alone
+    if form == IMPULSE and is_waiting(c, step, waits, contact):
         pass
     elif model.has_surface and (contact[PHASE] != FREE or contact[CLEARANCE] <= 0.0):
         speed = abs(vx) + abs(vy) + abs(vz)

@@ -145,8 +145,6 @@ def soft_contact(c: Any, p: Particle, step: int, e: np.ndarray, touch: tuple, ro
 
 def impulse_contact(c: Any, p: Particle, step: int, touch: tuple, rows: np.ndarray) -> Outcome:
     """Force J/dt along the normal for one step, once no pair force acts, and the mass gained (Eqs 29-31)."""
-    if is_waiting(c, p, p.contact, step):
-        return np.zeros(3), 0.0
     found, overlap, nx, ny, nz, qx, qy, qz, _ = touch
     n = np.array([nx, ny, nz])
     v_n = dot(p.half_velocity, n)
@@ -226,6 +224,8 @@ def advance_particle(c: Any, p: Particle, step: int, heights: np.ndarray, rows: 
     down = np.array([0.0, 0.0, -push])
     above = p.position[2] - p.radius >= c.highest
     if not c.model.has_surface or (above and p.contact[PHASE] == FREE):
+        return e + down, 0.0
+    if c.form == IMPULSE and is_waiting(c, p, p.contact, step):
         return e + down, 0.0
     touch = surface_contact(heights, c.model.spacing, *p.position, p.radius)
     if touch[1] > 2.0 * p.radius:
