@@ -285,7 +285,7 @@ sys.path.insert(0, "tests")
 from test_fast import HELD, polish
 import reference.fast.stepper
 from cmpcheck.components.steppers import shortened, with_stepper
-from reference.simulation import SimulationError, simulate_setup
+from reference.simulation import simulate_setup
 reference.fast.few.REMAP = reference.fast.many.REMAP = 20  # steps, after which the surface is mapped anew
 reference.fast.stepper.MANY = int(sys.argv[1])  # particles, from which on the loop for many moves them
 reference.fast.many.GROUP = int(sys.argv[2])  # particles of a group, at most

@@ -151,6 +151,24 @@ def test_impulsive_rebound_is_exact_without_drag(restitution):
 
 
 @pytest.mark.nojit
+@pytest.mark.parametrize("compiled", [True, False])
+def test_impacts_too_slow_for_a_row_push_as_those_that_have_one(compiled):
+    model = make_model(flow=FLOW_UNIFORM, flow_x=0.5, flow_z=-0.2, fluid_density=1.0)
+    positions, velocities, heights = scatter(1)
+    loud, quiet = (
+        simulate(
+            positions, velocities, T_C / 5, 1000, model, heights=heights, form="impulse", sample_every=50,
+            compiled=compiled, ledger_speed=speed,
+        )
+        for speed in (0.0, 10.0)
+    )  # fmt: skip
+    assert len(loud.contacts()) >= 16
+    assert len(quiet.contacts()) == 0
+    for a, b in zip(loud.trajectory(), quiet.trajectory(), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.nojit
 @pytest.mark.parametrize("form", ["soft", "impulse"])
 def test_a_contact_that_is_there_at_the_start_is_counted_for_the_half_step_that_it_acts(form):
     start = [(5.0, 5.0, 0.5 - 1e-4)]

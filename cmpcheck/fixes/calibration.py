@@ -1,4 +1,4 @@
-"""Spring and dashpot of a soft contact: which damping gives a restitution, which spring a duration.
+"""Spring and dashpot of a soft contact: which damping gives a restitution, which spring a duration; force.
 
 The contact force never attracts: F = max(0, k x - c v_n) with overlap x.  It ends when the force vanishes,
 before the overlap does; both relations below are for that end.

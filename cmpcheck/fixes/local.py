@@ -1,7 +1,8 @@
 """What is kept of the rank's atoms from one step to the next, in the order in which LAMMPS has them.
 
-How far each may travel, and what the pad does to it. When that order changes, and before a run, it is found
-from where each was looked at last, without a search.  Nothing depends on it but the time it takes.
+How far each may travel, and since when the pad waits. When that order changes, and before a run, it is found
+from where each was looked at last, without a search.  Nothing depends on it but the time it takes.  And room
+for what is not kept, but handed from one loop to the next.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ class Local(NamedTuple):
     travel: np.ndarray  # way until the surface can be touched, m; 0, or with the sign turned: to be looked at
     since: np.ndarray  # step since which the pad waits to strike; `NO_CONTACT`, or -inf in a soft contact
     due: np.ndarray  # room for the numbers of those that are looked at
-    push: np.ndarray  # of the pad in a soft contact that goes on, downwards, N; 0: none, or not known
-    rising: np.ndarray  # velocity under that push, m/s
+    push: np.ndarray  # room for that of the pad in soft contacts that go on, N; 0: none, or not known
+    rising: np.ndarray  # room for velocities under that push, m/s
     seen: np.ndarray  # where the surface was searched from last, and how far it was then, m; 0: never
 
 

@@ -152,7 +152,7 @@ def sweep_with_pad(
     """As `sweep`, and what the pad does to most in the impulse form.  For when many particles are at the pad.
 
     It strikes those that come at it at less than `kept` (m/s), so that the ledger has no row of them, and
-    holds back from those on which a pair force acts, for less than `patience` (s).
+    holds back from those that wait for a pair force to end, for less than `patience` (s).
     """
     sweep_form(
         STRIKING, adds, c, step, strikes, kept, per_diameter, x, v, f, radius, mass, travel, since, given,

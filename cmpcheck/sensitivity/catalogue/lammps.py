@@ -24,7 +24,7 @@ MUTANTS = (
         0.01, "%", side="lammps", cases=("bounce_train",),
     ),
     Mutant(
-        "fix: dashpot", "the dashpot of a soft contact with the surface is off by a factor",
+        "fix: dashpot", "the dashpot of a soft contact with surface or pad is off by a factor",
         f"{FIXES}/calibration.py:spring_dashpot",
         "mass * (spring * overlap - damping * v_n)",
         "mass * (spring * overlap - (1.0 + SIZE) * damping * v_n)",
